@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import ParameterTransport  # noqa: TC001 - read at run time
+from sfglab.bus.zenoh.address import ZenohAddress  # noqa: TC001 - read at run time
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.policy import TABLE_1, ForwardRule
 from sfglab.names import SHARED_FRAMES, validate_agent
@@ -37,18 +38,19 @@ class RouterConfig(RouterSettings):
     """Configuration of a router's process.
 
     Raises:
-        InvalidValueError: Both sides have the same domain.
+        InvalidValueError: Both sides have the same DDS domain.
         FqnError: The agent's name is not valid.
     """
 
     local: BusAddress  #: The agent's domain.
-    remote: BusAddress  #: The global domain.
+    remote: ZenohAddress | BusAddress  #: The global domain, over Zenoh or DDS.
     #: Parameter services, with which ROS 2's tools read this configuration: over "dds" (rmw_cyclonedds) or "ros"
     #: (rmw_fastrtps, with ROS 2 on this host), twelve endpoints; None for none.
     parameters: ParameterTransport | None = None
 
     def __post_init__(self) -> None:
         RouterSettings.__post_init__(self)
-        if self.local.domain_id == self.remote.domain_id:
+        is_dds = isinstance(self.remote, BusAddress)
+        if is_dds and self.local.domain_id == self.remote.domain_id:
             where = f"router of {self.agent}, domain on both sides"
             raise InvalidValueError(where, self.local.domain_id, "two different DDS domains")

@@ -17,7 +17,7 @@ import contextlib
 from collections import deque
 from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sfglab.bus import Node
+    from sfglab.bus.zenoh.backend import ZenohBackend
 
 
 class RouterRunningError(SfglabError, RuntimeError):
@@ -114,6 +115,7 @@ class Router:
         )
         self._gate = TransformGate(_frames(settings)) if settings.prefix_frames else None
         self._table = ForwardingTable(self._nodes, tag=tag, gate=self._gate)
+        self._presence = partial(_presence, local, remote, settings.agent, policy=policy, tag=tag)
         self._events: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
 
@@ -121,9 +123,13 @@ class Router:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         local, remote = self._nodes[Side.LOCAL], self._nodes[Side.GLOBAL]
         counterparts = CounterpartWatcher(remote.graph, partial(self._ros.feed, Side.GLOBAL))
+        ends, elsewhere = self._presence()
 
         def on_local(event: EndpointEvent) -> None:
-            if event.endpoint.participant in (local.guid, *local.backend.ros.participants):
+            endpoint = event.endpoint
+            if endpoint.participant in (local.guid, *local.backend.ros.participants):
+                return
+            if endpoint.dds_topic in elsewhere:
                 return
             # `on_publisher` gets all publishers of topics, so that subscriptions need no watch.
             if not (self._advertises and _is_topic(event, EndpointKind.SUBSCRIPTION)):
@@ -134,7 +140,7 @@ class Router:
             if _is_topic(event, EndpointKind.PUBLISHER):
                 self._ros.feed(Side.GLOBAL, event)
 
-        ends = [local.graph.listen(on_local)]
+        ends.append(local.graph.listen(on_local))
         if self._advertises:
             ends.append(remote.graph.listen(on_publisher))
         on_ready()
@@ -167,6 +173,18 @@ class Router:
 def _frames(settings: RouterSettings) -> Frames:
     shared, placed = frozenset(settings.shared_frames), frozenset(settings.placed_by_others)
     return Frames(agent=settings.agent, shared=shared, placed_by_others=placed)
+
+
+def _presence(
+    local: Node, remote: Node, agent: str, **options: Any
+) -> tuple[list[Callable[[], None]], frozenset[str]]:
+    """Begin the exchange of heartbeats over Zenoh; return functions that end it, and the DDS topics that it replaces."""
+    if remote.backend.kind != "zenoh":
+        return [], frozenset()
+    from sfglab.fleet.router.presence import TOPICS, Presence
+
+    backend = cast("ZenohBackend", remote.backend)
+    return [Presence(local, backend, agent, **options).close], TOPICS
 
 
 def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
