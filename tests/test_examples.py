@@ -26,7 +26,7 @@ LISTENING = "sfglab (qos|map) --domain"
 LIVE = r"sfglab (topic|node|log (record|play)|frames lint --domain|mocap run)"
 # Until Ctrl-C; `test_what_never_ends_ends_by_one_line` ends some.
 ENDLESS = (
-    "lab|router|decoder|camera|plan |agent up|follow serve|view (bag/|--domain|--fleet .* --i)",
+    "lab|router|hub|decoder|camera|plan |agent up|follow serve|view (bag/|--domain|--fleet .* --i)",
     r"topic echo (/chatter( --json.*)?$|/odom)|topic hz (/chatter$|/camera)",
     "topic pub (/chatter|-r)|log record (/chatter|-e)",
 )

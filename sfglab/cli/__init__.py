@@ -75,6 +75,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "figures": experiments.figures,
     "claims": experiments.claims,
     "router": fleet.router,
+    "hub": fleet.hub,
     "decoder": fleet.decoder,
     "camera": fleet.camera,
     "interfaces": interfaces.interfaces,

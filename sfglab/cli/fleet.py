@@ -6,7 +6,7 @@ import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -48,6 +48,44 @@ _GlobalInterface = Annotated[
     str | None,
     Option(
         help="Network interface to the other agents. [default: the fleet file's if one is given, otherwise automatic]"
+    ),
+]
+_Middleware = Annotated[
+    Literal["dds", "zenoh"] | None,
+    Option(
+        "--global",
+        help="Middleware between the agents: DDS, or Zenoh with --hub or --peer. [default: the fleet file's, otherwise dds]",
+    ),
+]
+_Hub = Annotated[
+    list[str] | None,
+    Option(
+        "--hub",
+        metavar="HOST[:PORT]",
+        help="Hub of the fleet over Zenoh, see sfglab hub; a second one takes over if it fails (repeatable).",
+    ),
+]
+_Peer = Annotated[
+    list[str] | None,
+    Option(
+        "--peer",
+        metavar="HOST[:PORT]",
+        help="Agent to connect with over Zenoh in place of a hub, in fleets of up to 20 agents (repeatable). "
+        "It makes its own peers known.",
+    ),
+]
+_Bind = Annotated[
+    str,
+    Option(
+        metavar="[HOST][:PORT]",
+        help="Place at which an agent without a hub accepts connections. [default with --peer: port 7447 of all interfaces]",
+    ),
+]
+_Certificates = Annotated[
+    Path | None,
+    Option(
+        help="Folder with ca.pem, NAME.pem and NAME.key. Zenoh then uses QUIC, or TLS for a place such as "
+        "tls/HOST. [default: the fleet file's, otherwise TCP without encryption]"
     ),
 ]
 _Agent = Annotated[
@@ -99,6 +137,11 @@ def agent_up(
     interface: Interface = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
+    middleware: _Middleware = None,
+    hub: _Hub = None,
+    peer: _Peer = None,
+    bind: _Bind = "",
+    certificates: _Certificates = None,
     fleet: Fleet = None,
     agent: _Agent = None,
     without: Annotated[
@@ -129,6 +172,7 @@ def agent_up(
       sfglab agent up --domain 7
       sfglab agent up --domain 7 --interface lo --global-interface wlan0   # over Wi-Fi.
       sfglab agent up --fleet data/fleets/lab.yaml --agent go2
+      sfglab agent up --domain 7 --global zenoh --hub 192.168.1.1   # over Zenoh, see sfglab hub.
       sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # your own types.
       sfglab agent up --domain 7 --without router   # with your own DDS Router.
     """
@@ -136,7 +180,9 @@ def agent_up(
     from sfglab.fleet.agent.plan import without as reduced
 
     place = (domain, interface)
-    config = _agent_config(agent, fleet, place, (global_domain, global_interface))
+    zenoh = _zenoh(hub, peer, bind, certificates)
+    remote = (global_domain, global_interface)
+    config = _agent_config(agent, fleet, place, remote, middleware, zenoh)
     with_parameters = replace(config.router, parameters=parameters)
     config = replace(reduced(config, without or ()), router=with_parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
@@ -147,6 +193,11 @@ def router(
     interface: Interface = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
+    middleware: _Middleware = None,
+    hub: _Hub = None,
+    peer: _Peer = None,
+    bind: _Bind = "",
+    certificates: _Certificates = None,
     fleet: Fleet = None,
     agent: _Agent = None,
     _interfaces: Interfaces = None,
@@ -158,19 +209,72 @@ def router(
 
     Examples:
       sfglab router --domain 7 --interface lo --global-interface wlan0
+      sfglab router --domain 7 --global zenoh --hub 192.168.1.1
       sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
     from sfglab.fleet.narration import PathNarrator, serve_terminal
     from sfglab.fleet.router.node import run_router
 
     place = (domain, interface)
-    config = _agent_config(agent, fleet, place, (global_domain, global_interface))
+    zenoh = _zenoh(hub, peer, bind, certificates)
+    remote = (global_domain, global_interface)
+    config = _agent_config(agent, fleet, place, remote, middleware, zenoh)
     body = partial(run_router, config.router)
     run(serve_terminal("router", body, PathNarrator(), typer.echo))
 
 
+def hub(
+    bind: Annotated[
+        str,
+        Option(
+            metavar="[HOST][:PORT]",
+            help="Place at which agents connect. [default: port 7447 of all interfaces]",
+        ),
+    ] = "",
+    hub: Annotated[
+        list[str] | None,
+        Option(metavar="HOST[:PORT]", help="Other hub of the fleet to join (repeatable)."),
+    ] = None,
+    certificates: _Certificates = None,
+    name: Annotated[str, Option(help="Name of the hub's certificate.")] = "hub",
+) -> None:
+    """Run a hub until Ctrl-C, through which the routers of agents exchange samples over Zenoh.
+
+    Without certificates agents connect over TCP, with certificates over QUIC or TLS. A hub that joins another
+    one serves the same fleet, and agents that name both continue when one of them fails.
+
+    Examples:
+      sfglab hub
+      sfglab hub --bind 10.0.0.2 --hub 10.0.0.1   # the second hub of a fleet.
+    """
+    from sfglab.fleet.hub import HubConfig, HubNarrator, run_hub
+    from sfglab.fleet.narration import serve_terminal
+
+    folder = str(certificates or "")
+    config = HubConfig(listen=bind, hubs=tuple(hub or ()), certificates=folder, name=name)
+    typer.echo(f"hub: listens at {', '.join(config.config().listen)}; starting")
+    run(serve_terminal("hub", partial(run_hub, config), HubNarrator(), typer.echo))
+
+
+def _zenoh(
+    hubs: list[str] | None, peers: list[str] | None, bind: str, certificates: Path | None
+) -> dict[str, Any]:
+    """Return the options of Zenoh as fields of an address."""
+    return {
+        "hubs": tuple(hubs or ()),
+        "peers": tuple(peers or ()),
+        "listen": bind,
+        "certificates": str(certificates or ""),
+    }
+
+
 def _agent_config(
-    agent: str | None, fleet: Path | None, local: Place, remote: Place
+    agent: str | None,
+    fleet: Path | None,
+    local: Place,
+    remote: Place,
+    middleware: Literal["dds", "zenoh"] | None,
+    zenoh: dict[str, Any],
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
     from sfglab.fleet.agent.plan import config_of
@@ -182,7 +286,8 @@ def _agent_config(
         domain = usual_domain_id()
     described = None if fleet is None else load_fleet(fleet)
     local = (domain, interface)
-    return config_of(agent or default_agent(), described, local=local, remote=remote)
+    name = agent or default_agent()
+    return config_of(name, described, local=local, remote=remote, middleware=middleware, **zenoh)
 
 
 def decoder(

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from sfglab.bus.zenoh.address import ZenohAddress
 from sfglab.documents import (
     NOWHERE,
     OR_NULL,
@@ -356,6 +357,14 @@ class _GlobalDomain:
     domain: int = between(0, 0, MAX_DOMAIN)  #: Number of the domain, D_0 in the paper.
     #: Interface to it for agents that give none; None leaves the choice to DDS.
     interface: str | None = None
+    #: Middleware between the agents: DDS, as in the paper, or Zenoh.
+    middleware: Literal["dds", "zenoh"] = "dds"
+    #: With Zenoh: one or two hubs, HOST[:PORT], of which all agents are clients.
+    hubs: tuple[str, ...] = ()
+    #: With Zenoh, in place of hubs: agents, HOST[:PORT], at which the others connect. Each listens at port 7447.
+    peers: tuple[str, ...] = ()
+    #: With Zenoh: folder of certificates on each agent's host; empty without encryption.
+    certificates: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -389,6 +398,9 @@ class Fleet(_Shared):
     """Agents that share a global domain, as read from a fleet file."""
 
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
+    zenoh: ZenohAddress | None = (
+        None  #: Zenoh between the agents, without an agent's name; None for DDS.
+    )
     policy: Policy = field(default_factory=Policy)  #: Forwarding rules.
     #: Place of each rule of the policy; empty if the file names a known policy.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
@@ -437,6 +449,7 @@ def _read(document: Document) -> Fleet:
         place=file.place,
         name=file.name,
         global_domain=file.border.domain,
+        zenoh=_zenoh(document, file.border),
         policy=policy,
         offers=file.offers,
         descriptions=file.descriptions,
@@ -448,6 +461,23 @@ def _read(document: Document) -> Fleet:
 
 def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
     return replace(agent, global_interface=agent.global_interface or interface)
+
+
+def _zenoh(document: Document, border: _GlobalDomain) -> ZenohAddress | None:
+    if border.middleware == "dds":
+        if border.hubs or border.peers or border.certificates:
+            allowed = "zenoh with hubs, peers or certificates"
+            raise document.refusal(("global", "middleware"), border.middleware, allowed)
+        return None
+    try:
+        return ZenohAddress(
+            domain_id=border.domain,
+            hubs=border.hubs,
+            peers=border.peers,
+            certificates=border.certificates,
+        )
+    except InvalidValueError as error:
+        raise document.refusal(("global",), error.given, error.allowed) from error
 
 
 def _deployment(document: Document, file: FleetFile) -> DeploymentSpec:

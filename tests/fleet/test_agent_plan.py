@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from sfglab.bus.address import BusAddress
+from sfglab.bus.zenoh.address import ZenohAddress
 from sfglab.component import config_from_argument
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.agent import plan as plans
@@ -117,6 +118,58 @@ def test_options_go_before_the_fleet_file():
     router = plans.config_of("go2", FLEET, local=(9, None), remote=(None, "eth1")).router
     assert router.local == BusAddress(domain_id=9, interface="lo")
     assert router.remote == BusAddress(domain_id=3, interface="eth1")
+
+
+ZENOH = replace(FLEET, zenoh=ZenohAddress(domain_id=3, hubs=("hub",), certificates="/c"))
+
+
+@pytest.mark.parametrize(
+    ("fleet", "options", "expected"),
+    [
+        (None, {"middleware": "zenoh", "hubs": ("a",)}, ZenohAddress(hubs=("a",), name="go2")),
+        (
+            FLEET,
+            {"middleware": "zenoh", "hubs": ("a",)},
+            ZenohAddress(domain_id=3, hubs=("a",), name="go2"),
+        ),
+        (ZENOH, {}, replace(ZENOH.zenoh, name="go2")),
+        (
+            ZENOH,
+            {"hubs": ("b",), "remote": (5, None)},
+            replace(ZENOH.zenoh, domain_id=5, hubs=("b",), name="go2"),
+        ),
+        (ZENOH, {"middleware": "dds"}, BusAddress(domain_id=3, interface="wlan0")),
+    ],
+)
+def test_agents_meet_over_dds_or_zenoh_as_options_or_the_file_say(fleet, options, expected):
+    config = plans.config_of("go2", fleet, **{"local": (7, "lo"), **options})
+    given = arguments(config)
+    assert config_from_argument(RouterConfig, given["router"]).remote == expected
+    over_zenoh = isinstance(expected, ZenohAddress)
+    # Tokens of all endpoints and heartbeats of starting agents would grow with the square of the fleet.
+    assert config.router.advertise_unused_topics is not over_zenoh
+    startup_s = config_from_argument(StatusConfig, given["status"]).settings.schedule.startup_s
+    assert startup_s == (0 if over_zenoh else 10)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"hubs": ("a",)}, "--global: given 'dds', allowed: zenoh with the options of hubs"),
+        ({"middleware": "zenoh"}, "Zenoh, hubs and peers: nothing is given"),
+        (
+            {"middleware": "zenoh", "hubs": ("a",), "remote": (None, "wlan0")},
+            "--global-interface: given 'wlan0', allowed: no interface with Zenoh",
+        ),
+    ],
+)
+def test_options_of_zenoh_that_do_not_fit_are_refused(options, words):
+    with pytest.raises(InvalidValueError, match=words):
+        plans.config_of("go2", None, **{"local": (7, "lo"), **options})
+
+
+def test_an_agents_own_domain_may_have_the_number_of_zenohs():
+    plans.config_of("go2", None, local=(7, "lo"), remote=(7, None), middleware="zenoh", hubs=("a",))
 
 
 def path(topic, direction="inward", **ends):

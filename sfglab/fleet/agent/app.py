@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
+from sfglab.bus.address import BusAddress
 from sfglab.component import Report, beside, next_before, on_stop, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
@@ -38,7 +39,7 @@ from sfglab.processes import CHECK_PERIOD_S, Watchdog
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
 
-    from sfglab.bus.address import BusAddress
+    from sfglab.bus.zenoh.address import ZenohAddress
 
 
 class ComponentError(SfglabError, RuntimeError):
@@ -277,7 +278,10 @@ def _of_change(report: Report) -> list[str]:
             return []
 
 
-def _place(address: BusAddress) -> str:
+def _place(address: ZenohAddress | BusAddress) -> str:
+    if not isinstance(address, BusAddress):
+        config = address.config()
+        return f"Zenoh at {', '.join(config.connect or config.listen)}"
     return f"domain {address.domain_id}" + (f" on {address.interface}" if address.interface else "")
 
 
