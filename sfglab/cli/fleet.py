@@ -6,7 +6,7 @@ import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -88,6 +88,7 @@ _Certificates = Annotated[
         "tls/HOST. [default: the fleet file's, otherwise TCP without encryption]"
     ),
 ]
+_Zenoh = tuple[Literal["dds", "zenoh"] | None, list[str] | None, list[str] | None, str, Path | None]
 _Agent = Annotated[
     str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")
 ]
@@ -180,9 +181,9 @@ def agent_up(
     from sfglab.fleet.agent.plan import without as reduced
 
     place = (domain, interface)
-    zenoh = _zenoh(hub, peer, bind, certificates)
     remote = (global_domain, global_interface)
-    config = _agent_config(agent, fleet, place, remote, middleware, zenoh)
+    zenoh = (middleware, hub, peer, bind, certificates)
+    config = _agent_config(agent, fleet, place, remote, zenoh)
     with_parameters = replace(config.router, parameters=parameters)
     config = replace(reduced(config, without or ()), router=with_parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
@@ -216,9 +217,9 @@ def router(
     from sfglab.fleet.router.node import run_router
 
     place = (domain, interface)
-    zenoh = _zenoh(hub, peer, bind, certificates)
     remote = (global_domain, global_interface)
-    config = _agent_config(agent, fleet, place, remote, middleware, zenoh)
+    zenoh = (middleware, hub, peer, bind, certificates)
+    config = _agent_config(agent, fleet, place, remote, zenoh)
     body = partial(run_router, config.router)
     run(serve_terminal("router", body, PathNarrator(), typer.echo))
 
@@ -247,34 +248,16 @@ def hub(
       sfglab hub
       sfglab hub --bind 10.0.0.2 --hub 10.0.0.1   # the second hub of a fleet.
     """
-    from sfglab.fleet.hub import HubConfig, HubNarrator, run_hub
-    from sfglab.fleet.narration import serve_terminal
+    from sfglab.fleet.hub import hub_config, run_hub
+    from sfglab.fleet.narration import PathNarrator, serve_terminal
 
-    folder = str(certificates or "")
-    config = HubConfig(listen=bind, hubs=tuple(hub or ()), certificates=folder, name=name)
-    typer.echo(f"hub: listens at {', '.join(config.config().listen)}; starting")
-    run(serve_terminal("hub", partial(run_hub, config), HubNarrator(), typer.echo))
-
-
-def _zenoh(
-    hubs: list[str] | None, peers: list[str] | None, bind: str, certificates: Path | None
-) -> dict[str, Any]:
-    """Return the options of Zenoh as fields of an address."""
-    return {
-        "hubs": tuple(hubs or ()),
-        "peers": tuple(peers or ()),
-        "listen": bind,
-        "certificates": str(certificates or ""),
-    }
+    config = hub_config(bind, hub or (), certificates=str(certificates or ""), name=name)
+    typer.echo(f"hub: starting at {', '.join(config.listen)}")
+    run(serve_terminal("hub", partial(run_hub, config), PathNarrator(), typer.echo))
 
 
 def _agent_config(
-    agent: str | None,
-    fleet: Path | None,
-    local: Place,
-    remote: Place,
-    middleware: Literal["dds", "zenoh"] | None,
-    zenoh: dict[str, Any],
+    agent: str | None, fleet: Path | None, local: Place, remote: Place, zenoh: _Zenoh
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
     from sfglab.fleet.agent.plan import config_of
@@ -284,10 +267,18 @@ def _agent_config(
     domain, interface = local
     if domain is None and fleet is None and VARIABLE in os.environ:
         domain = usual_domain_id()
-    described = None if fleet is None else load_fleet(fleet)
-    local = (domain, interface)
-    name = agent or default_agent()
-    return config_of(name, described, local=local, remote=remote, middleware=middleware, **zenoh)
+    middleware, hubs, peers, bind, certificates = zenoh
+    return config_of(
+        agent or default_agent(),
+        None if fleet is None else load_fleet(fleet),
+        local=(domain, interface),
+        remote=remote,
+        middleware=middleware,
+        hubs=tuple(hubs or ()),
+        peers=tuple(peers or ()),
+        listen=bind,
+        certificates=str(certificates or ""),
+    )
 
 
 def decoder(

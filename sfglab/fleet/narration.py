@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from sfglab.component import run_until_interrupted
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
@@ -11,13 +11,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from sfglab.component import Report, Reporter
-
-
-class Narrator(Protocol):
-    """Describes the status of a component."""
-
-    def lines(self, status: Report) -> list[str]:
-        """Return a line for each change since the last status."""
 
 
 class PathNarrator:
@@ -63,7 +56,7 @@ def _path(dds_topic: str, direction: str) -> str:
 async def serve_terminal(
     name: str,
     body: Callable[[Reporter], Coroutine[None, None, None]],
-    narrator: Narrator,
+    narrator: PathNarrator | StreamNarrator,
     say: Callable[[str], None],
 ) -> None:
     """Run a component for a person at a terminal until interrupted, and print a line for each change.

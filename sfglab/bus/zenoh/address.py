@@ -74,16 +74,10 @@ class ZenohAddress:
         )
 
     def options(self) -> dict[str, Any]:
-        """Return the address as keyword arguments of a node.
-
-        Raises:
-            InvalidValueError: A file of the certificates is missing.
-        """
+        """Return the address as keyword arguments of a node."""
         from sfglab.bus.zenoh.backend import ZenohBackend
 
-        config = self.config()
-        check_certificate(config.certificate)
-        return {"join": partial(ZenohBackend, config)}
+        return {"join": partial(ZenohBackend, self.config())}
 
 
 def endpoint(place: str, *, secure: bool) -> str:
@@ -100,10 +94,8 @@ def endpoint(place: str, *, secure: bool) -> str:
         raise InvalidValueError("Zenoh, place", place, "HOST, HOST:PORT or :PORT")
     link = found["link"] or links[0]
     if link not in links:
-        needed = "with certificates" if secure else "without certificates"
-        allowed = f"{' and '.join(links)} {needed}"
-        if link == "udp":
-            allowed += ", because UDP loses samples"
+        allowed = f"{' and '.join(links)} {'with' if secure else 'without'} certificates"
+        allowed += "; udp loses samples" * (link == "udp")
         raise InvalidValueError(f"Zenoh, link of {place!r}", link, allowed)
     return f"{link}/{found['host'] or _ALL_INTERFACES}:{found['port'] or PORT}"
 
@@ -111,15 +103,3 @@ def endpoint(place: str, *, secure: bool) -> str:
 def certificate(folder: str, name: str) -> str:
     """Return the path of a certificate in a folder of certificates; empty without a folder."""
     return str(Path(folder) / f"{name}.pem") if folder else ""
-
-
-def check_certificate(path: str) -> None:
-    """Check that a certificate, unless its path is empty, its key and its authority are there.
-
-    Raises:
-        InvalidValueError: A file is missing.
-    """
-    own = Path(path)
-    for file in (own, own.with_suffix(".key"), own.with_name("ca.pem")) if path else ():
-        if not file.is_file():
-            raise InvalidValueError("certificates", str(file), "files that exist")

@@ -73,13 +73,15 @@ class ZenohConfig:
     def _tls(self) -> dict[str, object]:
         if not self.certificate:
             return {}
-        own = Path(self.certificate)
-        ends = [(end, own) for end in ("connect_certificate", "listen_certificate")]
-        ends += [
-            (end, own.with_suffix(".key")) for end in ("connect_private_key", "listen_private_key")
-        ]
-        ends.append(("root_ca_certificate", own.with_name("ca.pem")))
-        return {"enable_mtls": True, **{end: str(path) for end, path in ends}}
+        key = str(Path(self.certificate).with_suffix(".key"))
+        return {
+            "enable_mtls": True,
+            "root_ca_certificate": str(Path(self.certificate).with_name("ca.pem")),
+            "connect_certificate": self.certificate,
+            "connect_private_key": key,
+            "listen_certificate": self.certificate,
+            "listen_private_key": key,
+        }
 
 
 class OrderThread:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.bus.address import BusAddress
@@ -25,7 +26,7 @@ from sfglab.fleet.status.description import AgentDescription, SensorDescription
 from sfglab.fleet.status.heartbeat import Schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from sfglab.fleet.fleet_file import Fleet
 
@@ -158,32 +159,35 @@ def config_of(
 
     Raises:
         InvalidValueError: Its own domain is given neither by an option nor by a file, the fleet has no such agent,
-            or the options of the global side do not fit.
+            or there is no hub or peer for Zenoh.
     """
-    over_zenoh = _over_zenoh(agent, fleet, remote, middleware, zenoh)
+    over = partial(_global_side, agent, middleware=middleware, **zenoh)
     if fleet is None:
         domain_id, interface = local
         if domain_id is None:
             allowed = f"--domain or ROS_DOMAIN_ID, from 1 to {MAX_DOMAIN}, or a fleet file"
             raise InvalidValueError(f"agent {agent}: its own domain", None, allowed)
+        side = over(dds=_address(remote, 0, None), described=None)
         router = RouterConfig(
             agent=agent,
             local=BusAddress(domain_id=domain_id, interface=interface),
-            remote=over_zenoh or _address(remote, 0, None),
-            advertise_unused_topics=over_zenoh is None,
+            remote=side,
+            advertise_unused_topics=isinstance(side, BusAddress),
         )
         return AgentConfig(router=router)
     spec = fleet.agent(agent)
+    dds = _address(remote, fleet.global_domain, spec.global_interface)
+    side = over(dds=dds, described=fleet.zenoh)
     router = RouterConfig(
         agent=agent,
         local=_address(local, spec.domain, spec.local_interface),
-        remote=over_zenoh or _address(remote, fleet.global_domain, spec.global_interface),
+        remote=side,
         rules=fleet.policy.rules,
         prefix_frames=spec.tf.prefix_frames,
         shared_frames=spec.tf.shared_frames,
         placed_by_others=spec.tf.placed_by_others,
         # A router that advertises receives the tokens of all endpoints, which grow with the square of the fleet.
-        advertise_unused_topics=fleet.offers and over_zenoh is None,
+        advertise_unused_topics=fleet.offers and isinstance(side, BusAddress),
     )
     config = AgentConfig(
         router=router,
@@ -193,29 +197,18 @@ def config_of(
     return config if spec.lifecycle else without(config, ("status", "discoverer"))
 
 
-def _over_zenoh(
+def _global_side(
     agent: str,
-    fleet: Fleet | None,
-    remote: Side,
+    dds: BusAddress,
+    described: ZenohAddress | None,
     middleware: Middleware | None,
-    options: Mapping[str, Any],
-) -> ZenohAddress | None:
-    """Return the global side of an agent over Zenoh; None if it is DDS."""
-    given = {name: value for name, value in options.items() if value}
-    described = None if fleet is None else fleet.zenoh
-    if middleware == "dds" or (middleware is None and described is None):
-        if given:
-            raise InvalidValueError(
-                "--global", "dds", f"zenoh with the options of {', '.join(given)}"
-            )
-        return None
-    domain_id, interface = remote
-    if interface is not None:
-        allowed = "no interface with Zenoh, which connects to the places of hubs and peers"
-        raise InvalidValueError("--global-interface", interface, allowed)
-    if domain_id is None:
-        domain_id = 0 if fleet is None else fleet.global_domain
-    given |= {"domain_id": domain_id, "name": agent}
+    **zenoh: Any,
+) -> ZenohAddress | BusAddress:
+    """Return the address of an agent's router among the others: that over DDS, or one over Zenoh in its domain."""
+    given = {name: value for name, value in zenoh.items() if value}
+    if middleware == "dds" or not (middleware or described or given):
+        return dds
+    given |= {"domain_id": dds.domain_id, "name": agent}
     return ZenohAddress(**given) if described is None else replace(described, **given)
 
 

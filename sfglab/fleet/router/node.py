@@ -17,7 +17,7 @@ import contextlib
 from collections import deque
 from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
@@ -29,7 +29,7 @@ from sfglab.component import (
     steady_ns,
 )
 from sfglab.errors import SfglabError
-from sfglab.fleet.policy import Policy, Side
+from sfglab.fleet.policy import Direction, Policy, Side
 from sfglab.fleet.router.config import RouterConfig, RouterSettings
 from sfglab.fleet.router.frames import Frames, TransformGate
 from sfglab.fleet.router.plan import Plan
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node
     from sfglab.bus.zenoh.backend import ZenohBackend
+    from sfglab.fleet.router.presence import Presence
 
 
 class RouterRunningError(SfglabError, RuntimeError):
@@ -115,7 +116,7 @@ class Router:
         )
         self._gate = TransformGate(_frames(settings)) if settings.prefix_frames else None
         self._table = ForwardingTable(self._nodes, tag=tag, gate=self._gate)
-        self._presence = partial(_presence, local, remote, settings.agent, policy=policy, tag=tag)
+        self._new_presence = partial(_presence, local, remote, settings.agent, policy, tag)
         self._events: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
 
@@ -123,13 +124,13 @@ class Router:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         local, remote = self._nodes[Side.LOCAL], self._nodes[Side.GLOBAL]
         counterparts = CounterpartWatcher(remote.graph, partial(self._ros.feed, Side.GLOBAL))
-        ends, elsewhere = self._presence()
+        presence = self._new_presence()
 
         def on_local(event: EndpointEvent) -> None:
             endpoint = event.endpoint
             if endpoint.participant in (local.guid, *local.backend.ros.participants):
                 return
-            if endpoint.dds_topic in elsewhere:
+            if presence is not None and presence.feed(event):
                 return
             # `on_publisher` gets all publishers of topics, so that subscriptions need no watch.
             if not (self._advertises and _is_topic(event, EndpointKind.SUBSCRIPTION)):
@@ -140,7 +141,7 @@ class Router:
             if _is_topic(event, EndpointKind.PUBLISHER):
                 self._ros.feed(Side.GLOBAL, event)
 
-        ends.append(local.graph.listen(on_local))
+        ends = [local.graph.listen(on_local)]
         if self._advertises:
             ends.append(remote.graph.listen(on_publisher))
         on_ready()
@@ -149,6 +150,8 @@ class Router:
         finally:
             for end in ends:
                 end()
+            if presence is not None:
+                presence.close()
             counterparts.close()
             self._table.close()
 
@@ -175,16 +178,15 @@ def _frames(settings: RouterSettings) -> Frames:
     return Frames(agent=settings.agent, shared=shared, placed_by_others=placed)
 
 
-def _presence(
-    local: Node, remote: Node, agent: str, **options: Any
-) -> tuple[list[Callable[[], None]], frozenset[str]]:
-    """Begin the exchange of heartbeats over Zenoh; return functions that end it, and the DDS topics that it replaces."""
+def _presence(local: Node, remote: Node, agent: str, policy: Policy, tag: str) -> Presence | None:
+    """Return the exchange of heartbeats over Zenoh; None over DDS, or if the policy does not let them cross."""
     if remote.backend.kind != "zenoh":
-        return [], frozenset()
+        return None
     from sfglab.fleet.router.presence import TOPICS, Presence
 
-    backend = cast("ZenohBackend", remote.backend)
-    return [Presence(local, backend, agent, **options).close], TOPICS
+    if not all(policy.crosses(topic, way) for topic in TOPICS for way in Direction):
+        return None
+    return Presence(local, cast("ZenohBackend", remote.backend), agent, tag)
 
 
 def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
