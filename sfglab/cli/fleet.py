@@ -6,7 +6,7 @@ import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -54,31 +54,23 @@ _Middleware = Annotated[
     Literal["dds", "zenoh"] | None,
     Option(
         "--global",
-        help="Middleware between the agents: DDS, or Zenoh with --hub or --peer. [default: the fleet file's, otherwise dds]",
+        help="Middleware between the agents. Over Zenoh they are clients of --hub, otherwise peers. "
+        "[default: the fleet file's, otherwise dds]",
     ),
 ]
 _Hub = Annotated[
     list[str] | None,
     Option(
-        "--hub",
         metavar="HOST[:PORT]",
-        help="Hub of the fleet over Zenoh, see sfglab hub; a second one takes over if it fails (repeatable).",
+        help="Hub of the fleet, see sfglab hub; a second one takes over when it fails (repeatable).",
     ),
 ]
 _Peer = Annotated[
     list[str] | None,
     Option(
-        "--peer",
-        metavar="HOST[:PORT]",
-        help="Agent to connect with over Zenoh in place of a hub, in fleets of up to 20 agents (repeatable). "
-        "It makes its own peers known.",
-    ),
-]
-_Bind = Annotated[
-    str,
-    Option(
         metavar="[HOST][:PORT]",
-        help="Place at which an agent without a hub accepts connections. [default with --peer: port 7447 of all interfaces]",
+        help="Without hubs: another agent to connect with; it makes further ones known (repeatable). "
+        ":PORT is the port at which this agent listens. [default: 7447]",
     ),
 ]
 _Certificates = Annotated[
@@ -88,7 +80,6 @@ _Certificates = Annotated[
         "tls/HOST. [default: the fleet file's, otherwise TCP without encryption]"
     ),
 ]
-_Zenoh = tuple[Literal["dds", "zenoh"] | None, list[str] | None, list[str] | None, str, Path | None]
 _Agent = Annotated[
     str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")
 ]
@@ -141,7 +132,6 @@ def agent_up(
     middleware: _Middleware = None,
     hub: _Hub = None,
     peer: _Peer = None,
-    bind: _Bind = "",
     certificates: _Certificates = None,
     fleet: Fleet = None,
     agent: _Agent = None,
@@ -174,6 +164,7 @@ def agent_up(
       sfglab agent up --domain 7 --interface lo --global-interface wlan0   # over Wi-Fi.
       sfglab agent up --fleet data/fleets/lab.yaml --agent go2
       sfglab agent up --domain 7 --global zenoh --hub 192.168.1.1   # over Zenoh, see sfglab hub.
+      sfglab agent up --domain 7 --global zenoh --peer 192.168.1.7   # of a fleet of up to 20 agents.
       sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # your own types.
       sfglab agent up --domain 7 --without router   # with your own DDS Router.
     """
@@ -182,7 +173,7 @@ def agent_up(
 
     place = (domain, interface)
     remote = (global_domain, global_interface)
-    zenoh = (middleware, hub, peer, bind, certificates)
+    zenoh = (middleware, hub, peer, certificates)
     config = _agent_config(agent, fleet, place, remote, zenoh)
     with_parameters = replace(config.router, parameters=parameters)
     config = replace(reduced(config, without or ()), router=with_parameters)
@@ -197,7 +188,6 @@ def router(
     middleware: _Middleware = None,
     hub: _Hub = None,
     peer: _Peer = None,
-    bind: _Bind = "",
     certificates: _Certificates = None,
     fleet: Fleet = None,
     agent: _Agent = None,
@@ -218,7 +208,7 @@ def router(
 
     place = (domain, interface)
     remote = (global_domain, global_interface)
-    zenoh = (middleware, hub, peer, bind, certificates)
+    zenoh = (middleware, hub, peer, certificates)
     config = _agent_config(agent, fleet, place, remote, zenoh)
     body = partial(run_router, config.router)
     run(serve_terminal("router", body, PathNarrator(), typer.echo))
@@ -257,7 +247,7 @@ def hub(
 
 
 def _agent_config(
-    agent: str | None, fleet: Path | None, local: Place, remote: Place, zenoh: _Zenoh
+    agent: str | None, fleet: Path | None, local: Place, remote: Place, zenoh: tuple[Any, ...]
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
     from sfglab.fleet.agent.plan import config_of
@@ -267,7 +257,7 @@ def _agent_config(
     domain, interface = local
     if domain is None and fleet is None and VARIABLE in os.environ:
         domain = usual_domain_id()
-    middleware, hubs, peers, bind, certificates = zenoh
+    middleware, hubs, peers, certificates = zenoh
     return config_of(
         agent or default_agent(),
         None if fleet is None else load_fleet(fleet),
@@ -276,7 +266,6 @@ def _agent_config(
         middleware=middleware,
         hubs=tuple(hubs or ()),
         peers=tuple(peers or ()),
-        listen=bind,
         certificates=str(certificates or ""),
     )
 

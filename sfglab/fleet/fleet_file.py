@@ -357,11 +357,9 @@ class _GlobalDomain:
     domain: int = between(0, 0, MAX_DOMAIN)  #: Number of the domain, D_0 in the paper.
     #: Interface to it for agents that give none; None leaves the choice to DDS.
     interface: str | None = None
-    #: Middleware between the agents: DDS, as in the paper, or Zenoh.
-    middleware: Literal["dds", "zenoh"] = "dds"
-    #: With Zenoh: one or two hubs, HOST[:PORT], of which all agents are clients.
+    #: Hubs, HOST[:PORT], one or two: the agents meet over Zenoh in place of DDS, as clients of the hubs.
     hubs: tuple[str, ...] = ()
-    #: With Zenoh, in place of hubs: agents, HOST[:PORT], at which the others connect. Each listens at port 7447.
+    #: Agents, HOST[:PORT], in place of hubs: the agents meet over Zenoh, and the others connect with these.
     peers: tuple[str, ...] = ()
     #: With Zenoh: folder of certificates on each agent's host; empty without encryption.
     certificates: str = ""
@@ -464,10 +462,7 @@ def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
 
 
 def _zenoh(document: Document, border: _GlobalDomain) -> ZenohAddress | None:
-    if border.middleware == "dds":
-        if border.hubs or border.peers or border.certificates:
-            allowed = "zenoh with hubs, peers or certificates"
-            raise document.refusal(("global", "middleware"), border.middleware, allowed)
+    if not (border.hubs or border.peers):
         return None
     try:
         return ZenohAddress(

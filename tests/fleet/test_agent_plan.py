@@ -126,7 +126,8 @@ ZENOH = replace(FLEET, zenoh=ZenohAddress(domain_id=3, hubs=("hub",), certificat
 @pytest.mark.parametrize(
     ("fleet", "options", "expected"),
     [
-        (None, {"middleware": "zenoh", "hubs": ("a",)}, ZenohAddress(hubs=("a",), name="go2")),
+        (None, {"middleware": "zenoh"}, ZenohAddress(hubs=(), name="go2")),
+        (None, {"hubs": ("a",)}, ZenohAddress(hubs=("a",), name="go2")),
         (
             FLEET,
             {"middleware": "zenoh", "hubs": ("a",)},
@@ -150,11 +151,6 @@ def test_agents_meet_over_dds_or_zenoh_as_options_or_the_file_say(fleet, options
     assert config.router.advertise_unused_topics is not over_zenoh
     startup_s = config_from_argument(StatusConfig, given["status"]).settings.schedule.startup_s
     assert startup_s == (0 if over_zenoh else 10)
-
-
-def test_zenoh_needs_a_hub_or_a_peer():
-    with pytest.raises(InvalidValueError, match="Zenoh, hubs and peers: nothing is given"):
-        plans.config_of("go2", None, local=(7, "lo"), middleware="zenoh")
 
 
 def test_an_agents_own_domain_may_have_the_number_of_zenohs():

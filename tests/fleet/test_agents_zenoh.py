@@ -15,6 +15,7 @@ from sfglab.bus.zenoh.address import ZenohAddress
 from sfglab.component import beside
 from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.router.node import RouterRunningError, run_router
+from sfglab.lab.hosts import Network
 from sfglab.messages import default_message, message_type, service_type
 from sfglab.processes import LineProcess
 from sfglab.qos import LATCHED
@@ -44,6 +45,13 @@ class Hub:
         self.process.send_signal(number)
         said = await self.process.stdout.read()
         return await self.process.wait(), said
+
+    async def __aenter__(self):
+        return self
+
+    async def __aexit__(self, *_):
+        if self.process is not None and self.process.returncode is None:
+            await self.end()
 
 
 class Agent:
@@ -99,8 +107,7 @@ def place(free_port):
 async def test_agents_discover_each_other_and_notice_when_one_has_gone_and_is_back(
     place, free_domains
 ):
-    hub = Hub(place)
-    async with fleet(free_domains(2), place) as (one, two):
+    async with Hub(place) as hub, fleet(free_domains(2), place) as (one, two):
         await until(lambda: any("does not respond; next attempt in" in line for line in one.lines))
         await hub.start()
         await until(lambda: one.known == {"two": "DISCOVERED"})
@@ -116,7 +123,7 @@ async def test_agents_discover_each_other_and_notice_when_one_has_gone_and_is_ba
         await until(lambda: one.known == {"two": "LOST"} and two.known == {"one": "LOST"})
         await hub.start()
         await until(lambda: one.known == {"two": "RETURNED"} and two.known == {"one": "RETURNED"})
-    assert await hub.end(signal.SIGINT) == (0, b"hub: everything is released\n")
+        assert await hub.end(signal.SIGINT) == (0, b"hub: everything is released\n")
 
 
 def transforms(*children):
@@ -130,8 +137,8 @@ def transforms(*children):
 async def test_latched_samples_transforms_and_services_cross_also_after_the_hub_was_killed(
     place, free_domains
 ):
-    hub, domains = Hub(place), free_domains(2)
-    async with AsyncExitStack() as stack:
+    domains = free_domains(2)
+    async with Hub(place) as hub, AsyncExitStack() as stack:
         nodes = [
             await stack.enter_async_context(Node(name, domain_id=domain, interface="lo"))
             for name, domain in zip("ab", domains, strict=True)
@@ -177,24 +184,25 @@ async def test_latched_samples_transforms_and_services_cross_also_after_the_hub_
         await until(lambda: heard[-4:] == late)
         response = await client.call(SetBool.request(data=True), timeout_s=30)
         assert response.success
-        await hub.end()
 
 
 @pytest.mark.slow
-async def test_agents_discover_each_other_as_peers_of_one_of_them(free_domains, place):
-    domains = free_domains(3)
-    agents = [Agent(name, domain, place) for name, domain in zip("abc", domains, strict=True)]
-    for number, agent in enumerate(agents):
-        at = agent.argv.index("--hub")
-        how = ("--bind", place) if number == 0 else ("--bind", "127.0.0.1:0", "--peer", place)
-        agent.argv = (*agent.argv[:at], *how, *agent.argv[at + 2 :])
-    async with AsyncExitStack() as stack:
-        for agent in agents:
-            await agent.start()
-            stack.push_async_callback(agent.end)
-        names = set("abc")
-        for agent, name in zip(agents, "abc", strict=True):
-            await until(lambda agent=agent, name=name: agent.known.keys() == names - {name})
+@pytest.mark.netns
+async def test_peers_make_further_ones_known():
+    names, domain = "abc", 7
+    with Network(grace_s=0.2) as network:
+        hosts = [network.add_host(name) for name in names]
+        agents = [Agent(name, domain, "") for name in names]
+        async with AsyncExitStack() as stack:
+            for host, agent in zip(hosts, agents, strict=True):
+                at = agent.argv.index("--hub")
+                peer = ("--peer", hosts[0].address) if host is not hosts[0] else ()
+                agent.argv = host.argv((*agent.argv[:at], *peer, *agent.argv[at + 2 :]))
+                await agent.start()
+                stack.push_async_callback(agent.end)
+            for name, agent in zip(names, agents, strict=True):
+                others = set(names) - {name}
+                await until(lambda agent=agent, others=others: agent.known.keys() == others)
 
 
 async def test_routers_of_one_domain_exclude_each_other_over_dds_and_zenoh(free_domains, place):

@@ -43,12 +43,16 @@ def component(host, module, config):
 
 
 @asynccontextmanager
-async def agents(network, peer, domains, *more, **config):
-    """Real nodes of each agent, on a host of its own behind its router: one, and those named in addition."""
+async def agents(network, peer, domains, *more, remotes=None, **config):
+    """Real nodes of each agent, on a host of its own behind its router: one, and those named in addition.
+
+    The routers meet over DDS, or at the addresses that are given by the agent's name.
+    """
     async with AsyncExitStack() as stack:
-        starting, remote = {}, BusAddress(domain_id=5, interface="eth0")
+        starting, dds = {}, BusAddress(domain_id=5, interface="eth0")
         for name, domain in domains.items():
             host, local = network.hosts[name], BusAddress(domain_id=domain, interface="lo")
+            remote = (remotes or {}).get(name, dds)
             router = RouterConfig(
                 agent=name, local=local, remote=remote, idle_timeout_s=0.2, **config
             )

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 PORT = 7447  #: Port of a hub or peer if none is given, as in Zenoh.
 MAX_HUBS = 2
-#: A peer receives all declarations of all others.
-MAX_PEERS = 20
 _PLACE = re.compile(
     r"(?:(?P<link>\w+)/)?(?P<host>\[[0-9a-fA-F:.%\w]+\]|[\w.-]+)?(?::(?P<port>\d{1,5}))?", re.ASCII
 )
@@ -30,33 +28,27 @@ _ALL_INTERFACES = "[::]"
 class ZenohAddress:
     """Address of a node over Zenoh, a client of hubs or a peer; `options` returns the keyword arguments of `Node`.
 
-    Places have the form HOST[:PORT]. In front, ``tls/`` selects TLS over TCP in place of QUIC where there are
-    certificates.
+    Places have the form HOST[:PORT], see `endpoint`.
 
     Raises:
-        InvalidValueError: A place is none, or there are neither hubs nor peers, both of them, or too many.
+        InvalidValueError: A place or its link is not allowed, there are more than two hubs, or hubs and peers.
     """
 
+    #: Places of one or two hubs: the node is a client of the first that responds. Without hubs it is a peer.
+    hubs: tuple[str, ...]
     domain_id: int = 0  #: ROS domain, 0 to 232; the first part of every key.
-    #: Places of one or two hubs. The node is a client of the first that responds.
-    hubs: tuple[str, ...] = ()
-    peers: tuple[
-        str, ...
-    ] = ()  #: Places of other peers, each of which makes the further ones known.
-    listen: str = (
-        ""  #: Place at which a peer accepts connections; empty for port 7447 of all interfaces.
-    )
+    #: Places of other peers, which make further ones known. A peer receives all declarations of all others, hence
+    #: for up to 20 nodes. A place without HOST is the one at which the node itself accepts connections.
+    peers: tuple[str, ...] = ()
     certificates: str = (
         ""  #: Folder with ``ca.pem``, ``NAME.pem`` and ``NAME.key``; empty without encryption.
     )
     name: str = ""  #: Name of the certificate, that of the agent.
 
     def __post_init__(self) -> None:
-        is_peer = bool(self.peers or self.listen)
-        if is_peer == bool(self.hubs) or len(self.hubs) > MAX_HUBS or len(self.peers) > MAX_PEERS:
-            allowed = f"one or {MAX_HUBS} hubs, or up to {MAX_PEERS} peers and a place to listen at"
-            given = ", ".join(filter(None, (*self.hubs, *self.peers, self.listen)))
-            raise InvalidValueError("Zenoh, hubs and peers", given or None, allowed)
+        if len(self.hubs) > MAX_HUBS or (self.hubs and self.peers):
+            given = ", ".join(self.hubs + self.peers)
+            raise InvalidValueError("Zenoh, hubs and peers", given, "one or two hubs, or peers")
         self.config()
 
     def config(self) -> ZenohConfig:
@@ -64,12 +56,14 @@ class ZenohAddress:
         from sfglab.bus.zenoh.session import ZenohConfig
 
         secure = bool(self.certificates)
-        listen = () if self.hubs else (endpoint(self.listen, secure=secure),)
+        own = [place for place in self.peers if place.startswith(":")]
+        others = [place for place in self.hubs + self.peers if place not in own]
+        listen = () if self.hubs else own or [""]
         return ZenohConfig(
             domain_id=self.domain_id,
             mode="client" if self.hubs else "peer",
-            connect=tuple(endpoint(place, secure=secure) for place in self.hubs + self.peers),
-            listen=listen,
+            connect=tuple(endpoint(place, secure=secure) for place in others),
+            listen=tuple(endpoint(place, secure=secure) for place in listen),
             certificate=certificate(self.certificates, self.name),
         )
 

@@ -209,7 +209,7 @@ def _global_side(
     if middleware == "dds" or not (middleware or described or given):
         return dds
     given |= {"domain_id": dds.domain_id, "name": agent}
-    return ZenohAddress(**given) if described is None else replace(described, **given)
+    return replace(described or ZenohAddress(hubs=()), **given)
 
 
 def _address(given: Side, domain_id: int, interface: str | None) -> BusAddress:
