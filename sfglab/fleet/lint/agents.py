@@ -23,7 +23,7 @@ def check_domains(view: View) -> Iterator[Finding]:
     first_of: dict[int, str] = {}
     for agent in view.fleet.agents:
         first = first_of.setdefault(agent.domain, agent.name)
-        if agent.domain == view.fleet.global_domain:
+        if agent.domain == view.fleet.global_domain and view.fleet.zenoh is None:
             yield an_error(
                 "domain-global",
                 agent.place,
