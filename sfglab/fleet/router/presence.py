@@ -168,9 +168,7 @@ class Presence:
             session.put(self._key, cdr, attachment=self._attachment())
 
     def _on_query(self, key: str, query: Any) -> None:
-        self._session.caller.order(
-            partial(self._reply, key, query)
-        )  # a reply may wait for its link
+        self._session.caller.order(partial(self._reply, key, query))
 
     def _reply(self, key: str, query: Any) -> None:
         with query:
@@ -180,7 +178,7 @@ class Presence:
     def _query(
         self, key: str, then: Callable[..., None], end: Callable[[], None], session: Any
     ) -> None:
-        from zenoh import ConsolidationMode, QueryTarget
+        from zenoh import CongestionControl, ConsolidationMode, QueryTarget
 
         def on_reply(reply: Any) -> None:
             if reply.ok is not None:
@@ -191,6 +189,7 @@ class Presence:
             direct(on_reply, end),
             target=QueryTarget.ALL,
             consolidation=ConsolidationMode.NONE,
+            congestion_control=CongestionControl.DROP,  # also of replies: a slow agent delays no other
             timeout=_QUERY_S,
         )
 
