@@ -97,15 +97,15 @@ def _stage(path: Path, data: bytes, mode: int | None, undo: ExitStack) -> tuple[
     if target.is_dir():
         raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
     part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.part")
+    if mode is None and target.exists():
+        mode = target.stat().st_mode & 0o7777
     with part.open("xb") as file:
         undo.callback(part.unlink, missing_ok=True)
+        if mode is not None:
+            part.chmod(mode)  # before it has content, because others must not read keys
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    if mode is None and target.exists():
-        mode = target.stat().st_mode & 0o7777
-    if mode is not None:
-        part.chmod(mode)
     return part, target
 
 
