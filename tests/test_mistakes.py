@@ -191,6 +191,7 @@ def test_options_that_nothing_looks_at_and_what_one_command_refuses(
 
 WRITERS = [
     f"fleet router {FLEET} --agent go2 -o OUT/a.yaml",
+    f"fleet certificates {FLEET} -o OUT/keys",
     f"qos {QOS} --output OUT/q",
     f"map {GRAPH} --output OUT/g.yaml --figure OUT/g.png",
     "schema fleet --output OUT/s.json",

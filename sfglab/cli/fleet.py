@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,12 +17,14 @@ from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Fleet, FleetFile, Interface, Json, OutputFile, domain_option
 from sfglab.component import Orders, run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
+from sfglab.errors import MissingExtraError
+from sfglab.tables import text_table
 
 if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
 
 fleet_app = typer.Typer(
-    help="""Check a fleet file, and write the configuration of a DDS Router from it.
+    help="""Check a fleet file, and write the configuration of a DDS Router or certificates from it.
 
 Example:
   sfglab fleet lint data/fleets/lab.yaml"""
@@ -121,6 +124,42 @@ def router_file(
     from sfglab.fleet.fleet_file import load_fleet
 
     write_text(render_dds_router(load_fleet(file), agent), output)
+
+
+@fleet_app.command()
+def certificates(
+    file: FleetFile,
+    output: Annotated[Path, Option("--output", "-o", help="Folder of the files.")],
+    hub: Annotated[
+        list[str] | None,
+        Option(
+            metavar="HOST[,HOST...]",
+            help="Names and addresses under which agents connect to a hub (repeatable). [default: the fleet file's]",
+        ),
+    ] = None,
+) -> None:
+    """Write certificates and access control for a fleet over Zenoh; needs the extra zenoh.
+
+    A new authority (ca) is valid for 10 years, a certificate for 825 days. Copy ca.pem and its own certificate
+    and key to each agent and hub, and access-control.json5 to each hub and peer. Existing certificates and keys
+    are kept, so the same command adds an agent. Delete an expired certificate and its key to renew it. An agent
+    that you remove from the fleet file has no rights after the hubs start with the new access control.
+
+    Examples:
+      sfglab fleet certificates data/fleets/lab.yaml -o keys --hub hub.local,192.168.1.1
+      sfglab fleet certificates data/fleets/lab.yaml -o keys   # after a change of the fleet file.
+    """
+    if find_spec("cryptography") is None:
+        raise MissingExtraError("cryptography", extra="zenoh", purpose="this command")
+    from sfglab.bus.zenoh.address import host
+    from sfglab.fleet.certificates import write_certificates
+    from sfglab.fleet.fleet_file import load_fleet
+
+    described = load_fleet(file)
+    places = described.zenoh.hubs if described.zenoh else ()
+    hubs = [names.split(",") for names in hub or map(host, places)]
+    rows = write_certificates(described, output, hubs)
+    typer.echo(text_table([("file", "state", "valid until"), *rows]))
 
 
 @agent_app.command("up")

@@ -84,15 +84,18 @@ def test_links_between_robots_have_no_shared_memory_no_multicast_and_a_lease_of_
     settings = json.loads(ZenohAddress(hubs=("a",)).config().json("1"))
     assert settings["transport"]["shared_memory"] == {"enabled": False}
     assert settings["scouting"]["multicast"] == {"enabled": False}
-    assert settings["transport"]["link"] == {"tx": {"lease": 10_000}, "tls": {}}
+    assert settings["transport"]["link"] == {"tx": {"lease": 10_000}}
 
 
 def test_certificates_are_those_of_the_agent_or_the_hub_and_both_sides_show_one(tmp_path):
+    for name in ("ca.pem", "go2.pem", "go2.key"):
+        (tmp_path / name).write_text("")
     address = ZenohAddress(hubs=("a",), certificates=str(tmp_path), name="go2")
     tls = json.loads(address.config().json("1"))["transport"]["link"]["tls"]
     key, own = str(tmp_path / "go2.key"), str(tmp_path / "go2.pem")
     assert tls == {
         "enable_mtls": True,
+        "verify_name_on_connect": True,
         "root_ca_certificate": str(tmp_path / "ca.pem"),
         **dict.fromkeys(("connect_certificate", "listen_certificate"), own),
         **dict.fromkeys(("connect_private_key", "listen_private_key"), key),

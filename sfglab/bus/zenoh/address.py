@@ -94,6 +94,15 @@ def endpoint(place: str, *, secure: bool) -> str:
     return f"{link}/{found['host'] or _ALL_INTERFACES}:{found['port'] or PORT}"
 
 
+def host(place: str) -> str:
+    """Return the host of a place, as a certificate names it.
+
+    Raises:
+        InvalidValueError: The text is no place with certificates.
+    """
+    return endpoint(place, secure=True).partition("/")[2].rpartition(":")[0].strip("[]")
+
+
 def certificate(folder: str, name: str) -> str:
     """Return the path of a certificate in a folder of certificates; empty without a folder."""
     return str(Path(folder) / f"{name}.pem") if folder else ""

@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.bus.errors import BusError, DomainError
 from sfglab.bus.loop import JOIN_S, call_logged
+from sfglab.bus.zenoh.security import ACCESS, tls_settings
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import MissingExtraError
+from sfglab.files import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,8 +44,8 @@ class ZenohConfig:
     #: Lease, s: after this silence the other side closes a connection. Samples of a shorter outage arrive late,
     #: those of a longer one are lost.
     lease_s: float = 10.0
-    #: Path of the certificate, NAME.pem, for QUIC and TLS; NAME.key and ca.pem are beside it. The other side needs
-    #: a certificate of the same authority. Empty for none.
+    #: Path of the certificate, NAME.pem, for QUIC and TLS; NAME.key and ca.pem are beside it, and for routers and
+    #: peers the access control. The other side needs a certificate of the same authority. Empty for none.
     certificate: str = ""
 
     def __post_init__(self) -> None:
@@ -51,12 +53,12 @@ class ZenohConfig:
             raise DomainError(self.domain_id, "allowed ids are 0 to 232, as in DDS")
 
     def json(self, session: str) -> str:
-        """Return Zenoh's configuration of the session with this id.
+        """Return Zenoh's configuration of the session with this id, which reads the files of certificates.
 
         Multicast would let other robots join unasked. Shared memory fails from a few hundred sessions on, because
         it locks memory. Caches of latched topics need time stamps.
         """
-        settings = {
+        settings: dict[str, Any] = {
             "id": session,
             "mode": self.mode,
             "connect": {"endpoints": self.connect},
@@ -64,24 +66,16 @@ class ZenohConfig:
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": self.gossip}},
             "timestamping": {"enabled": True},
             "transport": {
-                "link": {"tx": {"lease": round(self.lease_s * 1e3)}, "tls": self._tls()},
+                "link": {"tx": {"lease": round(self.lease_s * 1e3)}},
                 "shared_memory": {"enabled": False},
             },
         }
+        if self.certificate:
+            path = Path(self.certificate)
+            settings["transport"]["link"] |= tls_settings(path, verify_name=self.mode != "peer")
+            if self.mode != "client":
+                settings |= json.loads(read_text(path.with_name(ACCESS)))
         return json.dumps(settings)
-
-    def _tls(self) -> dict[str, object]:
-        if not self.certificate:
-            return {}
-        key = str(Path(self.certificate).with_suffix(".key"))
-        return {
-            "enable_mtls": True,
-            "root_ca_certificate": str(Path(self.certificate).with_name("ca.pem")),
-            "connect_certificate": self.certificate,
-            "connect_private_key": key,
-            "listen_certificate": self.certificate,
-            "listen_private_key": key,
-        }
 
 
 class OrderThread:
