@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
 
 
+# Pause after which a blocked sample is sent again, s.
+_RETRY_S = 0.01
+
+
 class Clock:
     """Clock of a node: here the system time of the host, with which ROS 2 stamps messages."""
 
@@ -236,6 +240,7 @@ class LoopWriter(GuardedWriter):
                 try:
                     await asyncio.to_thread(self._write, *self._unsent[0])
                 except WriterBlockedError:
+                    await asyncio.sleep(_RETRY_S)
                     continue
                 except Exception as error:  # noqa: BLE001 - one bad sample must not stop the next ones
                     self._calls.report(error)

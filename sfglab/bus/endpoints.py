@@ -26,8 +26,8 @@ Sample = tuple[bytes | memoryview, int, int, bytes]
 
 # CPython's memory for the bookkeeping of a queued sample, so that a flood of empty messages is bounded as well.
 _OVERHEAD_BYTES = 256
-# Number of samples in a row after which a reader yields the loop to other tasks.
-_MAX_PER_WAKE = 32
+# Number of samples in a row, and time of their callbacks (s), after which a reader yields the loop to other tasks.
+_MAX_PER_WAKE, _MAX_BUSY_S = 32, 0.005
 
 
 class Endpoint(Protocol):
@@ -167,6 +167,7 @@ class Inbox:
         self._running: asyncio.Task[Any] | None = None
         self._at_once = 0
         self._posted = False
+        self._is_yielding = False
 
     def push_from_thread(self, samples: Iterable[Sample]) -> None:
         """Queue samples from a transport's thread; the bridge's next flush wakes the loop."""
@@ -253,6 +254,10 @@ class Inbox:
                 ready -= 1
 
     def _deliver(self) -> None:
+        if self._is_yielding:
+            return
+        loop = self._bridge.loop
+        end_s = loop.time() + _MAX_BUSY_S
         for _ in range(_MAX_PER_WAKE):
             if self.closed or self._running is not None:
                 return
@@ -260,7 +265,14 @@ class Inbox:
             if sample is None:
                 return
             self._running = self.calls.run(self._decoded_call, sample, then=self._finished)
-        self._bridge.loop.call_soon(self._deliver)
+            if loop.time() > end_s:
+                break
+        self._is_yielding = True
+        loop.call_soon(self._go_on)
+
+    def _go_on(self) -> None:
+        self._is_yielding = False
+        self._deliver()
 
     def _finished(self) -> None:
         self._running = None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from copy import copy
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 from sfglab.messages.store import (
@@ -66,6 +67,7 @@ def unframe_service(data: bytes) -> ServiceFrame:
 _EVENT_INFO = "service_msgs/msg/ServiceEventInfo"  # since Iron
 
 
+@cache
 def service_hash(name: str) -> str:
     """Return a service's hash in the form that ROS 2 uses since Iron: of its request, response and event (REP 2016).
 

@@ -454,6 +454,7 @@ def definition(type_or_name: type[Any] | str) -> str:
     return "".join([part.rstrip("\n") + "\n" for part in parts])
 
 
+@functools.cache
 def type_hash(type_or_name: type[Any] | str) -> str:
     """Return a type's hash in the form that ROS 2 uses since Iron, such as `RIHS01_df668c...` (REP 2016).
 

@@ -120,5 +120,10 @@ def world(request):
     if request.param == "live":
         return request.getfixturevalue("live")
     if request.param == "zenoh":
+        if (
+            getattr(request.node, "callspec", None)
+            and "shm" in request.node.callspec.params.values()
+        ):
+            pytest.skip("there is no shared memory over Zenoh")
         return request.getfixturevalue("over_zenoh")
     return World(request.param, ToyDomain().node)

@@ -359,7 +359,11 @@ async def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelle
     assert [r.getMessage() for r in caplog.records] == ["callback of timer of 0.02 s failed"]
 
 
-async def test_the_two_transports_do_not_meet(here):
+async def test_the_two_transports_do_not_meet_and_zenoh_has_only_one(world, here):
+    if world.kind == "zenoh":
+        with pytest.raises(InvalidValueError, match=r"'/t', transport over Zenoh: given 'shm'"):
+            here.create_publisher(STRING, "/t", transport="shm")
+        return
     dds = here.create_subscription(STRING, "/t")
     publisher, shm = await connected(here, here, transport="shm")
     publisher.publish(text("shared"))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.bus.api import HOST_KEY, EndpointKind, user_data
+from sfglab.bus.api import EndpointKind, user_data
 from sfglab.bus.zenoh import layout
 from sfglab.messages import service_hash, type_hash
 from sfglab.qos import (
@@ -179,7 +179,7 @@ def test_a_token_shows_an_endpoint_with_what_ros_says_of_it():
     )
     assert (info.type, info.node, info.qos) == (STRING, "/robot/camera", SENSOR_DATA)
     assert info.participant.hex() == SESSION
-    assert (info.host, info.user_data, info.transport) == ("", b"", "dds")
+    assert (info.user_data, info.transport) == (b"", "dds")
     request, reply = layout.endpoint_infos(token("SS", "/x", f"{SET_BOOL}_Request", SERVICES))
     assert (request.dds_topic, request.type) == ("rq/xRequest", f"{SET_BOOL}_Request")
     assert (reply.dds_topic, reply.type) == ("rr/xReply", f"{SET_BOOL}_Response")
@@ -189,27 +189,24 @@ def test_a_token_shows_an_endpoint_with_what_ros_says_of_it():
     assert layout.endpoint_infos(layout.token_text(3, SESSION, 0, "NN", "/robot/camera")) == ()
 
 
-@given(st.binary(max_size=50).filter(lambda data: b"\0" not in data))
-def test_our_enclaves_carry_host_and_user_data_and_others_none(data):
-    text = token("MP", "/x", STRING, DEFAULT)
-    enclave = layout.enclave_text("cafe", data)
-    assert not set(enclave) & set("/*$?#")
-    (info,) = layout.endpoint_infos(text.replace("/MP/%/", f"/MP/{enclave}/"))
-    assert (info.host, info.user_data) == ("cafe", data)
-    (info,) = layout.endpoint_infos(text.replace("/MP/%/", "/MP/%my%enclave/"))
-    assert (info.host, info.user_data) == ("", b"")
+@given(st.dictionaries(st.from_regex(r"[a-z.]+", fullmatch=True), st.text(max_size=9), min_size=1))
+def test_our_enclaves_carry_user_data_and_others_none(values):
+    head = layout.token_text(3, SESSION, 7, "MP", "/robot/camera", data=user_data(values))
+    assert not set(head.split("/")[6]) & set("/*$?#")
+    rest = token("MP", "/x", STRING, DEFAULT).split("/")[9:]
+    (info,) = layout.endpoint_infos("/".join((head, *rest)))
+    assert info.user_data == user_data(values)
+    others = token("MP", "/x", STRING, DEFAULT).replace("/MP/%/", "/MP/%my%enclave/")
+    assert layout.endpoint_infos(others)[0].user_data == b""
 
 
-def test_another_definition_of_a_type_shows_as_its_hash():
+def test_another_definition_of_a_type_shows_in_its_name():
     text = token("MP", "/x", STRING, DEFAULT).replace(type_hash(STRING), "RIHS01_1")
     (info,) = layout.endpoint_infos(text)
-    assert info.user_data == user_data({"typehash": "RIHS01_1"})
-    assert HOST_KEY not in info.user_data.decode()
+    assert info.type == f"{STRING} (RIHS01_1)"
 
 
-@pytest.mark.parametrize(
-    "text", ["", "a/b", "@ros2_lv/0/zz/0/1/MP/%/%/n/%x/T/h/::,10:,:,:,,", "/" * 12]
-)
+@pytest.mark.parametrize("text", ["", "a/b", "@ros2_lv/0/zz/0/1/MP/%/%/n/%x/T/h/::,10:,:,:,,"])
 def test_what_is_no_token_is_refused(text):
     with pytest.raises(ValueError, match=r"unpack|hexadecimal|token"):
         layout.endpoint_infos(text)

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import struct
-import threading
 import time
 from collections import deque
 from functools import partial
 from itertools import count
-from operator import itemgetter
-from queue import Full, Queue
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointKind, entries
+from sfglab.bus.api import EndpointAdded, EndpointKind
+from sfglab.bus.endpoints import Inbox
 from sfglab.bus.errors import WriterBlockedError
 from sfglab.bus.loop import nothing
-from sfglab.bus.zenoh.layout import (
-    ATTACHMENT,
-    GID_BYTES,
-    HASH_KEY,
-    NO_HASH,
-    PUBLISHER,
-    SUBSCRIPTION,
-)
-from sfglab.bus.zenoh.participant import Announcement
+from sfglab.bus.zenoh.layout import ATTACHMENT, GID_BYTES, NO_HASH, end_gid, gid_of
 from sfglab.messages import serialize
 from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibilities
 
@@ -31,17 +21,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import EndpointEvent, EndpointInfo, RawEndpoint
-    from sfglab.bus.endpoints import Inbox, Sample
-    from sfglab.bus.zenoh.participant import ZenohParticipant
+    from sfglab.bus.zenoh.backend import ZenohBackend
 
 # Period in which a latched publisher sends its latest sequence number, s, as in rmw_publisher_data.cpp.
 _HEARTBEAT_S = 0.5
-# Most samples of a KEEP_ALL writer: those that wait for its thread, and those that a latched one keeps.
+# Most samples of a KEEP_ALL writer: those that wait for the thread, and those that a latched one keeps.
 _UNSENT, _ALL_KEPT = 256, 4096
-# Most publishers whose latest sequence number a reader remembers, also after they have left.
-_PUBLISHERS = 4096
-# Longest wait of a caller beside the loop for room among the unsent samples, s.
-_BLOCKED_S = 0.1
 # Longest wait for the caches of latched publishers, s.
 _QUERY_S = 5.0
 # A full queue of images delays and drops only images.
@@ -55,15 +40,11 @@ _PRIORITIES = {
 }
 
 
-def locality(endpoint: RawEndpoint) -> Any:
-    """Return where an endpoint's peers may be; forwarding endpoints have none in their own session."""
-    from zenoh import Locality
-
-    return Locality.REMOTE if endpoint.forwards else Locality.ANY
-
-
 def direct(callback: Callable[[Any], None], end: Callable[[], None] = nothing) -> Any:
-    """Return a handler that calls a function in the receiving thread, which it must not delay."""
+    """Return a handler that calls functions in a thread of Zenoh.
+
+    They must not wait: all subscriptions of the session would.
+    """
     from zenoh.handlers import Callback
 
     return Callback(callback, end, indirect=False)
@@ -74,19 +55,33 @@ class ZenohEnd:
 
     def __init__(
         self,
-        participant: ZenohParticipant,
+        backend: ZenohBackend,
         endpoint: RawEndpoint,
         notify: Callable[[], None],
-        inbox: Inbox | None,
+        inbox: Any = None,
     ) -> None:
+        kinds = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
+        other, own = kinds if inbox else kinds[::-1]
+        self.key = backend.key(endpoint)
+        self.token = backend.token(endpoint, own)
+        self.gid = end_gid(gid_of(self.token), endpoint.dds_topic)  #: 16-byte GID.
+        #: Publisher, subscription, server or client that the endpoint belongs to.
+        self.owner = self.key, endpoint.user_data, endpoint.forwards
         self.peers: dict[bytes, EndpointInfo] = {}  #: Matching endpoints by GID.
-        self.inbox = inbox  #: Inbox of a reader; None for a writer.
-        self._participant = participant
+        #: Number of samples that are missing between those that arrived, or have no attachment of ROS 2.
+        self.lost = 0
+        self._backend = backend
         self._endpoint = endpoint
         self._notify = notify
+        self._inbox = inbox
+        self._is_latched = endpoint.qos.durability is Durability.TRANSIENT_LOCAL
         self._refused: set[bytes] = set()
-        other = EndpointKind.PUBLISHER if inbox else EndpointKind.SUBSCRIPTION
-        self._unwatch = participant.graph.watch(endpoint.dds_topic, other, self._hear)
+        self._numbers = count(1)  # of sent samples and requests
+        self._latest: dict[bytes, int] = {}  # number of the latest received sample by GID
+        self._is_open = True
+        self._declared: list[Any] = []
+        self._unwatch = backend.graph.watch(endpoint.dds_topic, other, self._hear)
+        backend.session.order(self._declare)
 
     @property
     def matched(self) -> int:
@@ -95,70 +90,86 @@ class ZenohEnd:
 
     @property
     def matched_prefixes(self) -> frozenset[bytes]:
-        """GID prefixes of matching endpoints."""
-        return frozenset(gid[:12] for gid in self.peers)
+        """Prefixes of the GIDs of matching endpoints."""
+        return frozenset(map(self._backend.participant_of, self.peers))
 
     def close(self) -> None:
-        """Stop following the graph."""
+        """Undeclare the endpoint, after the samples that wait."""
         self._unwatch()
+        self._backend.session.order(self._undeclare)
+
+    def _declare(self, session: Any) -> None:
+        """Declare what sends or receives, then the token, because peers may send at once."""
+        raise NotImplementedError
+
+    def _announce(self, session: Any) -> None:
+        if self._is_open:
+            self._declared.append(session.liveliness().declare_token(self.token))
+            self._backend.graph.receive(self.token, alive=True)
+
+    def _undeclare(self, _: Any) -> None:
+        """Undeclare what sends or receives, then the token, because late joiners query who is announced."""
+        self._is_open = False
+        for entity in self._declared:
+            entity.undeclare()
+        self._backend.graph.receive(self.token, alive=False)
 
     def _hear(self, event: EndpointEvent) -> None:
         peer = event.endpoint
         is_there = isinstance(event, EndpointAdded)
-        self._refused.discard(peer.gid)
-        if is_there and self._matches(peer):
+        matches = is_there and self._matches(peer)
+        if matches:
             self.peers[peer.gid] = peer
-            self._on_peer(peer, is_there=True)
-        elif self.peers.pop(peer.gid, None) is not None:
-            self._on_peer(peer, is_there=False)
         elif is_there:
             self._refused.add(peer.gid)
-
-    def _on_peer(self, peer: EndpointInfo, *, is_there: bool) -> None:
-        """Report a peer that has come or gone."""
-        if self.inbox is not None:
-            self.inbox.on_life(peer.gid, is_there)
+        else:
+            self._refused.discard(peer.gid)
+            self.peers.pop(peer.gid, None)
+        if self._inbox:
+            self._inbox.on_life(peer.gid, matches)
         self._notify()
 
     def _matches(self, peer: EndpointInfo) -> bool:
         own = self._endpoint
-        if (peer.transport, peer.type) != (own.transport, own.type) or (
-            own.forwards and peer.participant == self._participant.guid
-        ):
+        if peer.type != own.type or (own.forwards and peer.participant == self._backend.guid):
             return False
-        offered, requested = (peer, own) if self.inbox else (own, peer)
-        has_our_definition = HASH_KEY not in entries(peer.user_data)
-        return has_our_definition and not incompatibilities(
-            offered=offered.qos, requested=requested.qos
-        )
+        offered, requested = (peer, own) if self._inbox else (own, peer)
+        return not incompatibilities(offered=offered.qos, requested=requested.qos)
+
+    def _origin(self, attachment: Any) -> tuple[int, int, bytes] | None:
+        """Return number, source time (ns) and GID; None for a sample of others than ROS 2 and matching peers."""
+        try:
+            number, stamp_ns, _, gid = ATTACHMENT.unpack(attachment.to_bytes())
+        except (AttributeError, struct.error):
+            self.lost += 1
+            return None
+        return None if gid in self._refused else (number, stamp_ns, gid)
+
+    def _push(self, cdr: bytes, stamp_ns: int, gid: bytes) -> None:
+        """Queue a sample in a thread of Zenoh; the loop also calls callbacks that may be called in a thread."""
+        Inbox.push_from_thread(self._inbox, ((cdr, stamp_ns, time.time_ns(), gid),))
+        self._backend.bridge.flush()
 
 
 class ZenohWriter(ZenohEnd):
     """Writer of CDR. With KEEP_LAST a full link drops samples, which readers count as lost.
 
-    With KEEP_ALL a thread sends, which waits for slow readers.
+    With KEEP_ALL the session's thread sends, which waits for slow readers.
     """
 
     def __init__(
-        self, participant: ZenohParticipant, endpoint: RawEndpoint, notify: Callable[[], None]
+        self, backend: ZenohBackend, endpoint: RawEndpoint, notify: Callable[[], None]
     ) -> None:
         qos = endpoint.qos
         self._is_reliable = qos.reliability is Reliability.RELIABLE
-        self._is_latched = qos.durability is Durability.TRANSIENT_LOCAL
         #: Whether the writer refuses samples while many wait for slow readers.
         self.may_block = self._is_reliable and qos.history is History.KEEP_ALL
-        self._announcement = Announcement(participant, endpoint, PUBLISHER, self._declare)
-        self.gid = self._announcement.gid  #: 16-byte GID.
-        self._numbers = count(1)
+        self._unsent: deque[tuple[bytes, int]] = deque(
+            maxlen=_UNSENT if self.may_block else qos.depth
+        )
         self._publisher: Any = None
         self._is_started = False
-        self._starting = threading.Lock()
-        self._early: deque[tuple[bytes, bytes]] = deque(maxlen=kept(qos))
-        self._unsent: Queue[tuple[bytes, int]] = Queue(_UNSENT)
-        self._loop_thread = threading.get_ident()
-        super().__init__(participant, endpoint, notify, None)
-        self._announcement.open()
-        self._announcement.show(self._start)
+        super().__init__(backend, endpoint, notify)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
         """Send serialized bytes, which are not checked; see `Publisher.publish_raw`.
@@ -167,17 +178,10 @@ class ZenohWriter(ZenohEnd):
             WriterBlockedError: Many samples of a KEEP_ALL writer wait for slow readers.
         """
         stamp_ns = time.time_ns() if source_timestamp_ns is None else source_timestamp_ns
-        sample = bytes(cdr), stamp_ns
-        if not self.may_block:
-            self._send(*sample)
-            return
-        is_on_loop = threading.get_ident() == self._loop_thread
-        try:
-            self._unsent.put(sample, not is_on_loop, _BLOCKED_S)
-        except Full as error:
-            reason = f"{_UNSENT} samples of a KEEP_ALL writer wait for slow readers"
-            raise WriterBlockedError(self._endpoint.name, code=-1, reason=reason) from error
-        self._participant.session.sender.order(self._send_next)
+        if self._is_started and not self.may_block:
+            self._send(bytes(cdr), stamp_ns)
+        elif self._is_started or self._is_latched or self.peers:
+            self._keep(bytes(cdr), stamp_ns)
 
     def write_message(self, message: Any) -> None:
         """Serialize and send a message; see `write`."""
@@ -185,184 +189,96 @@ class ZenohWriter(ZenohEnd):
 
     def acknowledged(self) -> bool:
         """Return whether Zenoh has all samples; it does not report their arrival."""
-        return not self._early and not self._unsent.unfinished_tasks
+        return not self._unsent
 
-    def close(self) -> None:
-        """Undeclare the writer, after the samples that wait."""
-        super().close()
+    def _keep(self, *sample: Any) -> None:
+        """Keep a sample until the publisher is declared, or with KEEP_ALL until the thread has sent it."""
+        if self.may_block and len(self._unsent) == _UNSENT:
+            reason = f"{_UNSENT} samples of a KEEP_ALL writer wait for slow readers"
+            raise WriterBlockedError(self._endpoint.name, code=-1, reason=reason)
+        self._unsent.append(sample)
         if self.may_block:
-            self._participant.session.sender.order(self._announcement.close)
-        else:
-            self._announcement.close()
+            self._backend.session.order(self._send_next)
 
-    def _send_next(self) -> None:
+    def _send_next(self, _: Any = None) -> None:
         try:
-            self._send(*self._unsent.get())
+            self._send(*self._unsent[0])
         finally:
-            self._unsent.task_done()
+            self._unsent.popleft()
 
-    def _send(self, data: bytes, stamp_ns: int) -> None:
+    def _send(self, cdr: bytes, stamp_ns: int) -> None:
         attachment = ATTACHMENT.pack(next(self._numbers), stamp_ns, GID_BYTES, self.gid)
-        if not self._is_started:
-            with self._starting:
-                if not self._is_started:
-                    if self._is_latched or self.peers:
-                        self._early.append((data, attachment))
-                    return
-        self._publisher.put(data, attachment=attachment)
+        self._publisher.put(cdr, attachment=attachment)
 
-    def _declare(self, session: Any) -> Any:
+    def _start(self) -> None:
+        """Send the samples from before the declaration; later ones pass at once."""
+        while self._unsent and not self.may_block:
+            self._send_next()
+        self._is_started = True
+
+    def _declare(self, session: Any) -> None:
         import zenoh
         from zenoh import ext
 
         congestion, reliability = zenoh.CongestionControl, zenoh.Reliability
-        options = {
+        options: dict[str, Any] = {
             "congestion_control": congestion.BLOCK if self.may_block else congestion.DROP,
             "priority": getattr(zenoh.Priority, _PRIORITIES.get(self._endpoint.type, "DATA")),
             "reliability": reliability.RELIABLE if self._is_reliable else reliability.BEST_EFFORT,
-            "allowed_destination": locality(self._endpoint),
         }
-        declare = session.declare_publisher
         if self._is_latched:  # as in rmw_publisher_data.cpp
-            declare = partial(ext.declare_advanced_publisher, session, publisher_detection=True)
-            options["cache"] = ext.CacheConfig(kept(self._endpoint.qos))
-            if self._is_reliable:
-                misses = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
-                options["sample_miss_detection"] = misses
-        self._publisher = declare(self._announcement.key, **options)
-        return self._publisher
-
-    def _start(self) -> None:
-        """Send the samples from before the declaration; later ones pass at once."""
-        with self._starting:
-            for data, attachment in self._early:
-                self._publisher.put(data, attachment=attachment)
-            self._early.clear()
-            self._is_started = True
+            self._publisher = ext.declare_advanced_publisher(
+                session,
+                self.key,
+                cache=ext.CacheConfig(kept(self._endpoint.qos)),
+                publisher_detection=True,
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+                ),
+                **options,
+            )
+        else:
+            self._publisher = session.declare_publisher(self.key, **options)
+        self._declared.append(self._publisher)
+        self._announce(session)
+        self._backend.bridge.post(self._start)
+        self._backend.bridge.flush()
 
 
 class ZenohReader(ZenohEnd):
     """Reader of CDR; a gap in a publisher's sequence numbers counts as lost samples."""
 
-    def __init__(
-        self,
-        participant: ZenohParticipant,
-        endpoint: RawEndpoint,
-        notify: Callable[[], None],
-        inbox: Inbox,
-    ) -> None:
-        #: Number of samples that are missing between those that arrived, or have no attachment of ROS 2.
-        self.lost = 0
-        self._announcement = Announcement(participant, endpoint, SUBSCRIPTION, self._declare)
-        self.gid = self._announcement.gid  #: 16-byte GID.
+    def _declare(self, session: Any) -> None:
+        from zenoh import QueryTarget, ext
+
         # A router reads types without a definition here with any hash.
-        self._key = self._announcement.key.replace(NO_HASH, "*")
-        self._push = inbox.push
-        self._push_from_thread = inbox.push_from_thread
-        self._latest: dict[bytes, int] = {}
-        super().__init__(participant, endpoint, notify, inbox)
-        self._announcement.open()
-        self._show()
-
-    def close(self) -> None:
-        """Undeclare the reader."""
-        super().close()
-        self._announcement.close()
-
-    def _show(self) -> None:
-        self._announcement.show()
-
-    def _declare(self, session: Any) -> Any:
-        origin = locality(self._endpoint)
-        return session.declare_subscriber(self._key, direct(self._take), allowed_origin=origin)
+        key = self.key.replace(NO_HASH, "*")
+        if not self._is_latched:
+            self._declared.append(session.declare_subscriber(key, direct(self._take)))
+            self._announce(session)
+            return
+        subscriber = ext.declare_advanced_subscriber(  # as in rmw_subscription_data.cpp
+            session,
+            key,
+            direct(self._take),
+            history=ext.HistoryConfig(
+                detect_late_publishers=True, max_samples=kept(self._endpoint.qos)
+            ),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+        self._declared.append(subscriber)
+        # A publisher knows the reader when it has sent the history: it replies to this query, for no sample, later.
+        announce = partial(self._backend.session.order, self._announce)
+        caches = f"{key}/@adv/pub/**?_max=0"
+        session.get(caches, direct(nothing, announce), target=QueryTarget.ALL, timeout=_QUERY_S)
 
     def _take(self, sample: Any) -> None:
-        """Take a sample in a thread of Zenoh, which must not wait: all subscriptions of the session would."""
-        received_ns = time.time_ns()
-        try:
-            number, stamp_ns, _, gid = ATTACHMENT.unpack(sample.attachment.to_bytes())
-        except (AttributeError, struct.error):
-            self.lost += 1
-            return
-        if gid not in self._refused:
-            self._accept(number, (sample.payload.to_bytes(), stamp_ns, received_ns, gid))
-
-    def _accept(self, number: int, sample: Sample) -> None:
-        """Queue a sample of a publisher, given with its sequence number."""
-        gid = sample[3]
-        self.lost += max(0, number - self._latest.get(gid, number) - 1)
-        self._latest[gid] = number
-        if len(self._latest) > _PUBLISHERS:
-            del self._latest[next(iter(self._latest))]
-        bridge = self._participant.bridge
-        if self._endpoint.threaded:
-            bridge.post(partial(self._push, sample))
-        else:
-            self._push_from_thread((sample,))
-        bridge.flush()
-
-
-class LatchedReader(ZenohReader):
-    """Reader that queries the caches of latched publishers before it is announced, and of each one that matches.
-
-    While a query runs, samples wait, so that they follow the history. Zenoh's `AdvancedSubscriber`, which
-    rmw_zenoh_cpp uses, drops a history that is overtaken by a new sample.
-    """
-
-    def __init__(self, *options: Any) -> None:
-        self._queries = 0
-        self._held: list[tuple[int, Sample]] = []
-        self._lock = threading.RLock()
-        super().__init__(*options)
-
-    def _show(self) -> None:
-        """Leave the announcement to the end of the first query."""
-
-    def _declare(self, session: Any) -> Any:
-        subscriber = super()._declare(session)
-        self._query("*", self._announcement.show, session)
-        return subscriber
-
-    def _on_peer(self, peer: EndpointInfo, *, is_there: bool) -> None:
-        if is_there:
-            publisher = peer.participant.hex().lstrip("0")
-            self._participant.session.order(partial(self._query, publisher, nothing))
-        super()._on_peer(peer, is_there=is_there)
-
-    def _query(self, publisher: str, then: Callable[[], None], session: Any) -> None:
-        from zenoh import ConsolidationMode, QueryTarget, ReplyKeyExpr
-
-        with self._lock:
-            self._queries += 1
-        session.get(
-            f"{self._key}/@adv/pub/{publisher}/**?_max={kept(self._endpoint.qos)}",
-            direct(self._on_reply, partial(self._on_end, then)),
-            target=QueryTarget.ALL,
-            consolidation=ConsolidationMode.NONE,
-            accept_replies=ReplyKeyExpr.ANY,
-            allowed_destination=locality(self._endpoint),
-            timeout=_QUERY_S,
-        )
-
-    def _on_reply(self, reply: Any) -> None:
-        if reply.ok is not None:
-            self._take(reply.ok)
-
-    def _on_end(self, then: Callable[[], None]) -> None:
-        with self._lock:
-            self._queries -= 1
-            if not self._queries:
-                held, self._held = sorted(self._held, key=itemgetter(0)), []
-                for number, sample in held:
-                    self._accept(number, sample)
-        then()
-
-    def _accept(self, number: int, sample: Sample) -> None:
-        with self._lock:
-            if self._queries:
-                self._held.append((number, sample))
-            elif number > self._latest.get(sample[3], -1):  # not known from an earlier query
-                super()._accept(number, sample)
+        """Take a sample in a thread of Zenoh."""
+        if (origin := self._origin(sample.attachment)) is not None:
+            number, stamp_ns, gid = origin
+            self.lost += max(0, number - self._latest.get(gid, number) - 1)
+            self._latest[gid] = number
+            self._push(sample.payload.to_bytes(), stamp_ns, gid)
 
 
 def kept(qos: QoSProfile) -> int:

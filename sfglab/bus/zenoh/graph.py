@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.graph import Graph
+from sfglab.bus.zenoh.endpoints import direct
 from sfglab.bus.zenoh.layout import (
     NO_HASH,
     TOKENS,
@@ -40,7 +41,7 @@ class ZenohGraph(Graph):
         self._bridge = bridge
         self._session = session
         self._domain = f"{TOKENS}/{domain_id}"
-        self._subscribers: dict[str, Any] = {}
+        self._asked: set[str] = set()
         self._hashes: dict[str, str] = {}
 
     def wire_type(self, name: str) -> tuple[str, str]:
@@ -68,17 +69,15 @@ class ZenohGraph(Graph):
 
     def _ask(self, dds_topic: str = "", kind: EndpointKind | None = None) -> None:
         tokens = _ALL
-        if kind is not None and (wire := ros_name_from_dds(dds_topic)) is not None:
+        if kind and (wire := ros_name_from_dds(dds_topic)):
             tokens = f"*/*/*/{token_kind(dds_topic, kind)}/*/*/*/{mangled(wire.name)}/**"
-        if {tokens, _ALL}.isdisjoint(self._subscribers):
-            self._subscribers[tokens] = None
+        if self._asked.isdisjoint((tokens, _ALL)):
+            self._asked.add(tokens)
             self._session.order(partial(self._subscribe, tokens))
 
     def _subscribe(self, tokens: str, session: Any) -> None:
-        from zenoh.handlers import Callback
-
-        self._subscribers[tokens] = session.liveliness().declare_subscriber(
-            f"{self._domain}/{tokens}", Callback(self._take, indirect=False), history=True
+        session.liveliness().declare_subscriber(
+            f"{self._domain}/{tokens}", direct(self._take), history=True
         )
 
     def _take(self, sample: Any) -> None:

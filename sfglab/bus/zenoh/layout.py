@@ -7,28 +7,12 @@ type hashes. The module is pure; it does not load Zenoh.
 from __future__ import annotations
 
 import struct
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote_to_bytes
 
-from sfglab.bus.api import (
-    HOST_KEY,
-    SHM_KEY,
-    EndpointInfo,
-    EndpointKind,
-    NodeInfo,
-    entries,
-    ros_topic,
-    user_data,
-)
-from sfglab.messages import (
-    TypeNameError,
-    UnknownTypeError,
-    dds_type_name,
-    ros_type_name,
-    service_hash,
-    type_hash,
-)
+from sfglab.bus.api import EndpointInfo, EndpointKind, NodeInfo, ros_topic
+from sfglab.messages import TypeNameError, UnknownTypeError, ros_type_name, service_hash, type_hash
+from sfglab.messages.type_names import announced_type_name
 from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 from sfglab.units import NS_PER_S
 
@@ -40,39 +24,30 @@ TOKENS = "@ros2_lv"
 NODE, PUBLISHER, SUBSCRIPTION, SERVER, CLIENT = "NN", "MP", "MS", "SS", "SC"
 #: Part of a key in place of the hash of an unknown type; ROS 2 Humble always writes it.
 NO_HASH = "TypeHashNotSupported"
-#: Key of USER_DATA, as ROS 2 writes it in DDS: here of endpoints whose type has another definition than ours.
-HASH_KEY = "typehash"
 #: Attachment of a sample, request or reply, in the serialization of zenoh-ext: sequence number from 1, source
 #: time (ns), size of the GID, GID of the publisher or client. A reply repeats the request's number and GID.
 ATTACHMENT = struct.Struct("<qqB16s")
 GID_BYTES = 16
 
-# Numbers of rmw/types.h. Texts leave out rmw_zenoh_cpp's defaults.
+# Numbers of rmw/types.h; rmw_zenoh_cpp leaves out its defaults, which are the other values.
 _NUMBERS: dict[Enum, str] = {
-    Reliability.RELIABLE: "",
     Reliability.BEST_EFFORT: "2",
-    Durability.VOLATILE: "",
     Durability.TRANSIENT_LOCAL: "1",
-    History.KEEP_LAST: "",
     History.KEEP_ALL: "2",
-    Liveliness.AUTOMATIC: "",
     Liveliness.MANUAL_BY_TOPIC: "3",
 }
 _DEFAULT_DEPTH = 42
-# DDS topic, type and kind of the endpoints that a token announces, by its kind.
-_ENDS = {
-    NODE: (),
-    PUBLISHER: (("rt{}", "{}", EndpointKind.PUBLISHER),),
-    SUBSCRIPTION: (("rt{}", "{}", EndpointKind.SUBSCRIPTION),),
-    SERVER: (
-        ("rq{}Request", "{}_Request", EndpointKind.SUBSCRIPTION),
-        ("rr{}Reply", "{}_Response", EndpointKind.PUBLISHER),
-    ),
-    CLIENT: (
-        ("rq{}Request", "{}_Request", EndpointKind.PUBLISHER),
-        ("rr{}Reply", "{}_Response", EndpointKind.SUBSCRIPTION),
-    ),
+# Kinds of the tokens that announce endpoints, by the beginning of the DDS topic and by direction.
+_TOKEN_KINDS = {
+    ("rt", EndpointKind.PUBLISHER): PUBLISHER,
+    ("rt", EndpointKind.SUBSCRIPTION): SUBSCRIPTION,
+    ("rq", EndpointKind.SUBSCRIPTION): SERVER,
+    ("rr", EndpointKind.PUBLISHER): SERVER,
+    ("rq", EndpointKind.PUBLISHER): CLIENT,
+    ("rr", EndpointKind.SUBSCRIPTION): CLIENT,
 }
+# Ends of DDS topics and of types, by the beginning of the DDS topic.
+_TAILS = {"rt": ("", ""), "rq": ("Request", "_Request"), "rr": ("Reply", "_Response")}
 
 
 def gid_of(token: str) -> bytes:
@@ -87,7 +62,7 @@ def end_gid(gid: bytes, dds_topic: str) -> bytes:
     """Return the GID of an endpoint by its token's GID and its topic.
 
     The token of a server or client has one GID for two endpoints. That of the reply endpoint differs in the last
-    byte, so that both have the same prefix.
+    byte.
     """
     return gid[:-1] + bytes([gid[-1] ^ 1]) if dds_topic.startswith("rr/") else gid
 
@@ -99,21 +74,19 @@ def participant_guid(session: str) -> bytes:
 
 def qos_text(qos: QoSProfile) -> str:
     """Return the text of a QoS profile in a token."""
-    is_default = qos.history is History.KEEP_ALL or qos.depth == _DEFAULT_DEPTH
-    depth = "" if is_default else qos.depth
+    kinds = (qos.reliability, qos.durability, qos.history, qos.liveliness)
+    reliability, durability, history, liveliness = (_NUMBERS.get(kind, "") for kind in kinds)
     times = (qos.deadline_ns, qos.lifespan_ns, qos.lease_ns)
     deadline, lifespan, lease = (
         "," if t is None else "{},{}".format(*divmod(t, NS_PER_S)) for t in times
     )
-    kinds = (qos.reliability, qos.durability, qos.history, qos.liveliness)
-    reliability, durability, history, liveliness = (_NUMBERS[kind] for kind in kinds)
-    return (
-        f"{reliability}:{durability}:{history},{depth}:{deadline}:{lifespan}:{liveliness},{lease}"
-    )
+    depth = "" if history or qos.depth == _DEFAULT_DEPTH else qos.depth
+    life = f"{liveliness},{lease}"
+    return f"{reliability}:{durability}:{history},{depth}:{deadline}:{lifespan}:{life}"
 
 
 def parse_qos(text: str) -> QoSProfile:
-    """Return the QoS profile of a text.
+    """Return the QoS profile of a text; numbers of others, such as that of "best available", are the default.
 
     Raises:
         ValueError: The text is not a QoS profile.
@@ -122,21 +95,15 @@ def parse_qos(text: str) -> QoSProfile:
     history, depth = kept.split(",")
     liveliness, lease = life.split(",", 1)
     return QoSProfile(
-        reliability=_kind(Reliability, reliability),
-        durability=_kind(Durability, durability),
-        history=_kind(History, history),
+        reliability=Reliability.BEST_EFFORT if reliability == "2" else Reliability.RELIABLE,
+        durability=Durability.TRANSIENT_LOCAL if durability == "1" else Durability.VOLATILE,
+        history=History.KEEP_ALL if history == "2" else History.KEEP_LAST,
         depth=int(depth or _DEFAULT_DEPTH),
         deadline_ns=_ns(deadline),
         lifespan_ns=_ns(lifespan),
-        liveliness=_kind(Liveliness, liveliness),
+        liveliness=Liveliness.MANUAL_BY_TOPIC if liveliness == "3" else Liveliness.AUTOMATIC,
         lease_ns=_ns(lease),
     )
-
-
-def _kind(kinds: type[Enum], number: str) -> Any:
-    """Return the value with a number; others, such as that of "best available", give the default."""
-    numbers = {_NUMBERS[kind]: kind for kind in kinds}
-    return numbers.get(number, numbers[""])
 
 
 def _ns(text: str) -> int | None:
@@ -150,17 +117,10 @@ def wire_type(name: str) -> tuple[str, str]:
     is_half = half in ("Request", "Response") and "/msg/" not in name
     name = service if is_half else name
     try:
-        return dds_type_name(name), _hash(name, is_service=is_half)
+        hash_ = service_hash(name) if is_half else type_hash(name)
     except UnknownTypeError:
-        return dds_type_name(name), NO_HASH
-    except TypeNameError:
-        return name, NO_HASH
-
-
-@cache
-def _hash(name: str, *, is_service: bool) -> str:
-    """Return the hash of a known type; types may become known later, so that their lack is not cached."""
-    return service_hash(name) if is_service else type_hash(name)
+        hash_ = NO_HASH
+    return announced_type_name(name), hash_
 
 
 def data_key(domain_id: int, name: str, type_: tuple[str, str]) -> str:
@@ -174,29 +134,21 @@ def mangled(name: str) -> str:
 
 
 def token_text(  # noqa: PLR0913 - the parts of a token
-    domain_id: int, session: str, number: int, kind: str, node: str, *, enclave: str = "%"
+    domain_id: int, session: str, number: int, kind: str, node: str, *, data: bytes = b""
 ) -> str:
-    """Return the token of a node, or the beginning of an endpoint's token; its node has the number 0."""
+    """Return the token of a node, or the beginning of an endpoint's token; its node has the number 0.
+
+    Zenoh has no USER_DATA; it takes the place of the enclave, which rmw_zenoh_cpp only shows.
+    """
     namespace, _, name = node.rpartition("/")
+    enclave = quote(data, safe="=;") or "%"
     parts = (TOKENS, domain_id, session, 0, number, kind, enclave, mangled(namespace or "/"), name)
     return "/".join(map(str, parts))
 
 
-def enclave_text(host: str, data: bytes) -> str:
-    """Return the enclave of our endpoints: host id and USER_DATA, which Zenoh does not have.
-
-    rmw_zenoh_cpp only shows enclaves.
-    """
-    return quote(user_data({HOST_KEY: host}) + data, safe="=;")
-
-
 def token_kind(dds_topic: str, kind: EndpointKind) -> str:
     """Return the kind of the token that announces an endpoint."""
-    wanted = dds_topic[:2], kind
-    found = (
-        token for token, ends in _ENDS.items() if wanted in [(end[0][:2], end[2]) for end in ends]
-    )
-    return next(found)
+    return _TOKEN_KINDS[dds_topic[:2], kind]
 
 
 def node_info(token: str) -> NodeInfo:
@@ -209,40 +161,36 @@ def node_info(token: str) -> NodeInfo:
 def endpoint_infos(token: str) -> tuple[EndpointInfo, ...]:
     """Return the endpoints that a token announces: two for a server or client, none for a node.
 
+    A type that has another definition here is named with its hash.
+
     Raises:
         ValueError: The text is not a token.
     """
     _, _, session, _, _, kind, enclave, _, _, *rest = token.split("/")
     if kind == NODE:
         return ()
-    if kind not in _ENDS:
-        raise ValueError(f"token: given the kind {kind!r}, allowed: {', '.join(_ENDS)}")
     name, dds_type, hash_, qos = rest
-    host, data = "", b""
-    if enclave.startswith(f"{HOST_KEY}="):
-        first, _, data = unquote_to_bytes(enclave).partition(b";")
-        host = first.decode(errors="replace").partition("=")[2]
+    # The enclaves of others begin with a slash, our USER_DATA with a key.
+    data = b"" if enclave.startswith("%") else unquote_to_bytes(enclave)
     try:
         type_ = ros_type_name(dds_type)
     except TypeNameError:
         type_ = dds_type
     infos = []
-    for topic_form, type_form, end in _ENDS[kind]:
-        topic = topic_form.format(name.replace("%", "/"))
-        end_type = type_form.format(type_)
-        is_ours = wire_type(end_type)[1] in (hash_, NO_HASH)
+    for start, end in (key for key, found in _TOKEN_KINDS.items() if found == kind):
+        topic_tail, type_tail = _TAILS[start]
+        topic = start + name.replace("%", "/") + topic_tail
+        is_ours = wire_type(type_ + type_tail)[1] in (hash_, NO_HASH)
         info = EndpointInfo(
             kind=end,
             topic=ros_topic(topic),
-            type=end_type,
+            type=type_ + type_tail + ("" if is_ours else f" ({hash_})"),
             gid=end_gid(gid_of(token), topic),
             qos=parse_qos(qos),
-            transport="shm" if SHM_KEY in entries(data) else "dds",
             participant=participant_guid(session),
-            host=host,
             node=node_info(token).full_name,
             dds_topic=topic,
-            user_data=data if is_ours else data + user_data({HASH_KEY: hash_}),
+            user_data=data,
         )
         infos.append(info)
     return tuple(infos)

@@ -1,4 +1,4 @@
-"""Zenoh session of a node and the threads that use it, because opening, declaring and sending may wait."""
+"""Zenoh session of a node and the thread that uses it, because opening, declaring and sending may wait."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import secrets
 import threading
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from queue import SimpleQueue
@@ -78,28 +78,6 @@ class ZenohConfig:
         return json.dumps(settings)
 
 
-class OrderThread:
-    """Thread that calls functions one after the other, and logs their failures."""
-
-    def __init__(self, name: str) -> None:
-        self._orders: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
-
-    def order(self, function: Callable[[], None]) -> None:
-        """Call a function after those that were ordered before."""
-        self._orders.put(function)
-
-    def stop(self) -> None:
-        """End the thread after the ordered functions, and return when it has ended, after 5 s at most."""
-        self._orders.put(None)
-        self._thread.join(JOIN_S)
-
-    def _run(self) -> None:
-        while (function := self._orders.get()) is not None:
-            call_logged(function)
-
-
 class Session:
     """Zenoh session that a thread opens, again and again until a router responds.
 
@@ -122,34 +100,28 @@ class Session:
         self.is_open = False  #: Whether the session was opened.
         self._place = ", ".join(config.listen or config.connect)
         self._settings = _checked(config.json(self.id))
-        self._name = f"sfglab zenoh {name}"
         self._zenoh: Any = None
         self._closing = threading.Event()
-        self._orders = OrderThread(self._name)
-        self._orders.order(self._open)
+        self._orders: SimpleQueue[Callable[[Any], None] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=f"sfglab zenoh {name}", daemon=True)
+        self._thread.start()
 
     def order(self, function: Callable[[Any], None]) -> None:
         """Call a function with the open Zenoh session in its thread, after those that were ordered before."""
-        self._orders.order(lambda: function(self._zenoh) if self.is_open else None)
-
-    @cached_property
-    def sender(self) -> OrderThread:
-        """Thread for samples that wait for slow receivers; it starts at the first use."""
-        return OrderThread(f"{self._name} sender")
-
-    @cached_property
-    def caller(self) -> OrderThread:
-        """Thread for requests and replies, which samples do not delay; it starts at the first use."""
-        return OrderThread(f"{self._name} caller")
+        self._orders.put(function)
 
     def close(self) -> None:
-        """Close the session with everything declared in it."""
+        """Close the session with everything declared in it, and return when it is closed, after 5 s at most."""
         self._closing.set()
-        for thread in ("sender", "caller"):
-            if thread in self.__dict__:
-                self.__dict__[thread].stop()
-        self.order(lambda session: session.close())
-        self._orders.stop()
+        self._orders.put(None)
+        self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
+        self._open()
+        while self.is_open and (function := self._orders.get()) is not None:
+            call_logged(partial(function, self._zenoh))
+        if self.is_open:
+            self._zenoh.close()
 
     def _open(self) -> None:
         import zenoh
