@@ -1,5 +1,9 @@
 """The pure parts of the bus: queue, slots, fan-out, datagrams, configuration."""
 
+import asyncio
+import time
+from collections import Counter
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -7,8 +11,9 @@ from hypothesis import strategies as st
 from sfglab.bus.api import entries, user_data
 from sfglab.bus.dds.clib import endpoint_qos, profile_from_dds
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
-from sfglab.bus.endpoints import SampleQueue
+from sfglab.bus.endpoints import Inbox, SampleQueue
 from sfglab.bus.errors import DomainError
+from sfglab.bus.loop import CallbackRunner, LoopBridge
 from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import (
     KEEP_ALL_BYTES,
@@ -34,6 +39,25 @@ def test_keep_all_is_bounded_by_bytes_and_keeps_at_least_one():
     assert (len(queue), queue.dropped) == (4, 6)
     queue.push([sample(bytes(10**6))])
     assert (len(queue), queue.dropped) == (1, 10)
+
+
+async def test_slow_callbacks_run_one_per_turn_of_the_loop_however_often_it_is_woken():
+    bridge, turns, seen = LoopBridge(asyncio.get_running_loop()), 0, []
+
+    def slow(_):
+        seen.append(turns)
+        time.sleep(0.006)
+
+    calls = CallbackRunner(set(), "slow")
+    qos = QoSProfile(depth=20)
+    inbox = Inbox(bridge, qos, decode=lambda one: one, callback=slow, calls=calls)
+    while len(seen) < 20:
+        if turns < 4:
+            inbox.push_from_thread([sample(b"")] * 5)
+            bridge.flush()
+        await asyncio.sleep(0)
+        turns += 1
+    assert max(Counter(seen).values()) == 1
 
 
 @given(st.integers(0, 100_000_000))
