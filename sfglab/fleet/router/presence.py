@@ -84,9 +84,9 @@ class Presence:
 
     def __init__(self, local: Node, remote: ZenohBackend, agent: str, tag: str) -> None:
         self._local, self._remote = local.backend, remote
-        self._session = remote.participant.session
+        self._session = remote.session
         self._user_data = user_data({ROUTER_KEY: tag})
-        self._key = remote.participant.key(_HEARTBEATS)
+        self._key = remote.key(_HEARTBEATS)
         self._subscriptions = {
             key: Subscription(self._local, endpoint, partial(self._on_own, key), raw=True)
             for key, endpoint in (
@@ -123,7 +123,7 @@ class Presence:
 
     def _description_key(self, agent: str) -> str:
         endpoint = topic_endpoint(AGENT_METADATA, metadata_service(agent), LATCHED)
-        return self._remote.participant.key(endpoint)
+        return self._remote.key(endpoint)
 
     def _on_own(self, key: str, cdr: Any) -> None:
         """Take a message of the agent; its first description may come after the heartbeat that announces it."""
@@ -168,7 +168,7 @@ class Presence:
             session.put(self._key, cdr, attachment=self._attachment())
 
     def _on_query(self, key: str, query: Any) -> None:
-        self._session.caller.order(partial(self._reply, key, query))
+        self._session.order(lambda _: self._reply(key, query))
 
     def _reply(self, key: str, query: Any) -> None:
         with query:
