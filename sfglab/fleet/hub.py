@@ -1,7 +1,8 @@
 """Hub of a fleet over Zenoh: a Zenoh session in router mode, of which the agents' routers are clients.
 
 A client receives only what it subscribes to. Two hubs that are joined serve one fleet: clients of either reach
-each other, and a client that names both continues with the other one when its hub fails.
+each other, and a client that names both continues with the other one when its hub fails. The module runs as
+``python -m sfglab.fleet.hub CONFIG``, see `sfglab.component`; `sfglab hub` runs it in a terminal.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.zenoh.address import certificate, endpoint
 from sfglab.bus.zenoh.session import Session, ZenohConfig
+from sfglab.component import run_component
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,3 +59,7 @@ async def run_hub(config: ZenohConfig, report: Reporter) -> None:
         await asyncio.Event().wait()
     finally:
         session.close()
+
+
+if __name__ == "__main__":
+    run_component(ZenohConfig, lambda config, report, _: run_hub(config, report))
