@@ -139,6 +139,10 @@ class Testbed:
         """Return the name of the interface with which a host is connected to the others."""
         return self._network.hosts[host].interface if self._network else "lo"
 
+    def address(self, host: str) -> str:
+        """Return the IP address of a host."""
+        return self._network.hosts[host].address if self._network else LOOPBACK
+
     def meter(self, host: str) -> CountsBytes:
         """Return the counter of the bytes at a host's interface."""
         return self._network.hosts[host] if self._network else _Loopback()

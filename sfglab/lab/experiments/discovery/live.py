@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -18,7 +19,7 @@ from sfglab.fleet.router.config import RouterConfig
 from sfglab.fleet.status.config import StatusConfig, StatusSettings
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
-    ROUTED,
+    STANDARD,
     Cell,
     Config,
     FleetRow,
@@ -33,6 +34,8 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import Testbed
@@ -53,11 +56,30 @@ NODES = ", nodes"  #: End of the names of processes with ROS 2 nodes.
 @exp.part("fleets", total=lambda config: len(cells_of(config.stages, config.seed)))
 async def start_fleets(bench: Bench[Config]) -> None:
     """Start the fleets one after the other."""
-    if bench.hosts is None or not bench.hosts.separate:
+    config = bench.config
+    start = partial(LiveFleet, testbed=bench.testbed, multicast=config.multicast)
+    await run_fleets(bench, cells_of(config.stages, config.seed), start, config.timeout_s)
+
+
+async def run_fleets(
+    bench: Bench[Any],
+    cells: Iterable[Cell],
+    start: Callable[[Cell], LiveFleet],
+    timeout_s: float,
+) -> None:
+    """Start fleets one after the other, and write their rows into the tables ``host`` and ``cell``.
+
+    Args:
+        bench: Context of the run.
+        cells: The fleets.
+        start: Function that returns the processes of a fleet.
+        timeout_s: Time after which a fleet is given up, s.
+    """
+    if not bench.testbed.separate:
         return
-    for number, cell in enumerate(cells_of(bench.config.stages, bench.config.seed)):
-        async with LiveFleet(cell, bench.testbed, multicast=bench.config.multicast) as fleet:
-            hosts, load = await fleet.measure(bench.config.timeout_s, cell=number)
+    for number, cell in enumerate(cells):
+        async with start(cell) as fleet:
+            hosts, load = await fleet.measure(timeout_s, cell=number)
         bench.write_all("host", hosts)
         cpu_s = (load.cpu_percent or 0.0) / 100 * load.window_s
         row = FleetRow(cell=number, **asdict(cell), window_s=load.window_s, cpu_s=cpu_s)
@@ -79,7 +101,7 @@ class LiveFleet(ProcessGroup):
         self._testbed = testbed
         self._multicast = multicast
         self._is_launched = cell.mode == LAUNCHED
-        self._is_routed = cell.mode in (ROUTED, LAUNCHED)
+        self._is_routed = cell.mode != STANDARD
         self._agents = {host: self.processes_of(n, host) for n, host in enumerate(self.hosts, 1)}
         idle = [] if self._is_launched else [m for each in self._agents.values() for m in each]
         #: Time at which an agent had discovered its peers, ns since the epoch, and what its interface
@@ -191,15 +213,10 @@ class LiveFleet(ProcessGroup):
     def processes_of(self, number: int, host: str) -> list[Member]:
         """Return the processes of an agent, its nodes first."""
         cell, name = self._cell, host + NODES
-        remote = BusAddress(
-            domain_id=GLOBAL_DOMAIN,
-            interface=self._testbed.interface(host),
-            multicast=self._multicast,
-        )
         local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
         nodes = RosNodesConfig(
             namespace=f"/{host}",
-            address=local if self._is_routed else remote,
+            address=local if self._is_routed else self.shared(host),
             talkers=cell.talkers,
             listeners=cell.listeners,
             peers=0 if self._is_routed else cell.agents - 1,
@@ -207,16 +224,29 @@ class LiveFleet(ProcessGroup):
         module = "sfglab.lab.workers.ros_nodes"
         members = [Member(name=name, host=host, module=module, config=nodes)]
         if self._is_routed:
-            members += self._components(host, local, remote)
+            members += self._components(host, local)
         return members
 
-    def _components(self, host: str, local: BusAddress, remote: BusAddress) -> list[Member]:
+    def shared(self, host: str) -> Any:
+        """Return the address of a host in the domain that all agents share."""
+        return BusAddress(
+            domain_id=GLOBAL_DOMAIN,
+            interface=self._testbed.interface(host),
+            multicast=self._multicast,
+        )
+
+    @property
+    def publishes(self) -> bool:
+        """Whether agents publish their descriptions; the paper's agents query each other's service."""
+        return not self._is_launched
+
+    def _components(self, host: str, local: BusAddress) -> list[Member]:
         """Return router, status provider and discoverer of an agent, the discoverer last."""
-        publishes = not self._is_launched  # the paper's agents query each other's service
+        publishes = self.publishes
         status = StatusSettings(agent=host, publish_description=publishes)
         discovery = DiscoverySettings(agent=host, use_published_descriptions=publishes)
         configs = {
-            ROUTER: RouterConfig(agent=host, local=local, remote=remote),
+            ROUTER: RouterConfig(agent=host, local=local, remote=self.shared(host)),
             # Accelerators are not searched for.
             STATUS: StatusConfig(address=local, settings=status, detect=False),
             DISCOVERER: DiscoveryConfig(address=local, settings=discovery),
