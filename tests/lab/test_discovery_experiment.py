@@ -1,4 +1,4 @@
-"""The discovery experiment: known fleets give known claims, simulated ones grow as the model says."""
+"""The discovery experiment: known fleets give known claims."""
 
 import asyncio
 import os
@@ -11,19 +11,15 @@ import pytest
 from made_logs import CLAIMS, made_run
 
 from sfglab.bus.address import BusAddress
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
-from sfglab.lab.experiments.discovery import Fleet, exp, results
-from sfglab.lab.experiments.discovery import simulated as world
+from sfglab.lab.experiments.discovery import exp, results
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
-    PUBLISHING,
-    QUERYING,
     ROUTED,
     STANDARD,
     Cell,
-    Scale,
     Stage,
     cells_of,
     host_names,
@@ -33,7 +29,7 @@ from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.ros_nodes import LISTENER, TALKER, RosNodesConfig, endpoints_of
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
-TABLES = ("cell", "host", "simulated")
+TABLES = ("cell", "host")
 
 
 def fleet(cell, mode, agents, pace_s=1.0, *, nodes=10, seconds=1.0, received=1.0, censored=False):
@@ -99,19 +95,9 @@ def test_what_another_pace_changes_is_undecided(made):
         assert judge(CLAIMS["A-DISC-TIME"], measured) is verdict
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"stages": [{"mode": STANDARD, "agents": [1]}]}, {"simulated": {"agents": [1001]}}],
-)
-def test_a_fleet_of_one_agent_or_of_too_many_is_refused(changes):
+def test_a_fleet_of_one_agent_is_refused():
     with pytest.raises(InvalidValueError, match="agents"):
-        exp.config(**changes)
-
-
-def test_a_simulated_fleet_that_is_not_complete_in_time_says_so(monkeypatch):
-    monkeypatch.setattr(world, "LIMIT_S", 0.01)
-    with pytest.raises(SfglabError, match=r"of 3 simulated agents had discovered all others"):
-        world.simulate_fleet(Fleet(mode=ROUTED, agents=3), 0)
+        exp.config(stages=[{"mode": STANDARD, "agents": [1]}])
 
 
 def test_agents_that_were_given_up_are_counted(made):
@@ -122,12 +108,11 @@ def test_agents_that_were_given_up_are_counted(made):
     assert "given up" not in claims["A-DISC-TIME-OURS"].reason
 
 
-def test_fleets_of_two_started_at_once_or_simulated_do_not_answer_claims_about_six(made):
+def test_fleets_of_two_or_started_at_once_do_not_answer_claims_about_six(made):
     live = []
     for mode in (STANDARD, LAUNCHED, ROUTED):
         live += [fleet(len(live), mode, 2), fleet(len(live) + 1, mode, 6, 0.0)]
-    rows = [{"mode": PUBLISHING, "agents": 6, "host": host, "resolved_s": 1.0} for host in range(6)]
-    assert exp.measure(made(*live, {"simulated": rows})) == {}
+    assert exp.measure(made(*live)) == {}
 
 
 def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
@@ -185,7 +170,7 @@ def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_p
 
 def short(path, *modes, separate=None, **changes):
     stages = tuple(Stage(mode=mode, agents=(2,), talkers=1, listeners=1) for mode in modes)
-    changes = {"stages": stages, "simulated": Scale(), **changes}
+    changes = {"stages": stages, **changes}
     return asyncio.run(
         exp.run("smoke", path=path / "run.mcap", options=Options(separate=separate), **changes)
     )
@@ -219,14 +204,3 @@ def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
     assert run["cell"].empty
     assert run.metadata("hosts")["separate"] is False
     assert exp.measure(run) == {}
-
-
-@pytest.mark.parametrize("agents", [2, 5])
-@pytest.mark.parametrize("mode", [QUERYING, PUBLISHING])
-def test_every_routed_agent_finds_all_others_over_endpoints_by_formula(mode, agents):
-    fleet = Fleet(mode=mode, agents=agents)
-    rows = world.simulate_fleet(fleet, 0)
-    assert [row["host"] for row in rows] == list(range(agents))
-    assert all(0.03 < row["resolved_s"] < 5 for row in rows)
-    assert {row["endpoints"] for row in rows} == {results.endpoints(mode, agents, 20)}
-    assert world.simulate_fleet(fleet, 0) == rows

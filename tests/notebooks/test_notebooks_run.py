@@ -48,10 +48,11 @@ FIGURES_ANYWHERE = {
 FIGURES_OF_HOSTS = {
     "11_names_and_border": "naming_schema routing_border",
     "13_decode_once": "decode_once_h264 depth_codecs",
-    "12_discovery": "discovery_fleet discovery_scale discovery_states",
+    "12_discovery": "discovery_fleet discovery_states",
     "14_latency": "latency",
     "15_frames": "mocap_error mocap_trees",
     "17_viewer": "visualisation_latency visualisation_points",
+    "19_middleware": "middleware_cost middleware_scale",
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
 NOTEBOOKS = [path.stem for path in find_notebooks(Project(root=ROOT)) if path.stem not in REPORTS]

@@ -20,6 +20,7 @@ EXPERIMENTS = (
     "routing",
     "lifecycle",
     "discovery",
+    "middleware",
     "latency",
     "balancing",
     "transmission",

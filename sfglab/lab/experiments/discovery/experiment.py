@@ -21,9 +21,6 @@ STANDARD: Final = "standard"
 LAUNCHED: Final = "launched"
 #: The sfglab variant: all processes are loaded before the order, and agents publish descriptions.
 ROUTED: Final = "routed"
-#: Simulated routed agents that query each other's service, as in the paper.
-QUERYING = "routed"
-PUBLISHING = "published"  #: Simulated routed agents that publish their descriptions.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,16 +33,6 @@ class Stage:
     listeners: int = between(10, 1)  #: Subscribing nodes per agent.
     repeats: int = 1  #: Number of starts of each fleet.
     pace_s: float = 0.0  #: Time from one agent's start to the next one's, s; 0: all at once.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
-    """Simulated fleets; see `simulated`."""
-
-    agents: tuple[Annotated[int, Bounds(2, 1000)], ...] = ()  #: Sizes of the fleet.
-    talkers: int = 10  #: Publishing nodes per agent.
-    listeners: int = 10  #: Subscribing nodes per agent.
-    repeats: int = 1  #: Number of seeds.
 
 
 _FLEETS = (2, 3, 4, 5, 6)
@@ -72,6 +59,11 @@ def _former_ros2(
     ]
 
 
+def _former_simulated(repeats: int, *agents: int) -> dict[str, Any]:
+    """Return the removed field ``simulated``: sizes of simulated fleets, and the number of seeds."""
+    return {"agents": list(agents), "talkers": 10, "listeners": 10, "repeats": repeats}
+
+
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
     """Return fleets whose agents start one after the other; the largest fleet also starts at two thirds of the pace."""
     largest = sizes[-1:]
@@ -95,12 +87,11 @@ class Config(Profiled):
         Stage(mode=LAUNCHED, agents=(6,)),
         Stage(mode=ROUTED, agents=(2, 4, 6)),
     )
-    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25))  #: Simulated fleets.
     #: Time from its start after which an incomplete fleet is given up, s.
     timeout_s: float = 120.0
     #: Use of multicast by DDS between agents: ``default`` is that of ROS 2.
     multicast: str = "default"
-    seed: int = 0  #: Seed of the order of cells, and of the simulation.
+    seed: int = 0  #: Seed of the order of cells.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +147,6 @@ exp = Experiment(
             Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
             Stage(mode=LAUNCHED, agents=(2,), talkers=2, listeners=1, pace_s=0.5),
         ),
-        "simulated": Scale(agents=(2, 10), talkers=2, listeners=1),
         "timeout_s": 20.0,
     },
     paper={
@@ -168,7 +158,6 @@ exp = Experiment(
             Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
             Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
         ),
-        "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 15, 20, 25), repeats=5),
         "timeout_s": 300.0,
     },
     hosts=lambda config: host_names(max((max(one.agents) for one in config.stages), default=0)),
@@ -209,6 +198,10 @@ exp = Experiment(
             "quick": _former_ros2(2, {2: 10, 4: 3}, [6], 1),
             "paper": _former_ros2(20, {2: 10, 3: 6, 4: 3, 6: 2}, _FLEETS, 20),
         },
+        "simulated": {
+            "quick": _former_simulated(1, 2, 4, 6, 12, 25, 50, 100, 200, 500, 1000),
+            "paper": _former_simulated(5, 2, 3, 4, 5, 6, 10, 15, 20, 25),
+        },
     },
 )
 
@@ -234,18 +227,3 @@ class HostRow(TableRow):
     censored: bool
     #: Bytes received at the agent's interface from the first start order until it had discovered its peers.
     own_bytes: float
-
-
-@exp.table("simulated")
-class SimulatedRow(Fleet, TableRow):
-    """An agent of a simulated fleet of mode ``routed`` or ``published``.
-
-    Agents of mode ``routed`` query each other's metadata service, those of ``published`` publish
-    their descriptions.
-    """
-
-    seed: int  #: Seed of the run.
-    host: int  #: Number of the agent, from 0.
-    resolved_s: float  #: Time from the start until the agent had discovered its peers, simulated s.
-    #: Number of endpoints in the global domain when the last agent was complete.
-    endpoints: int

@@ -8,24 +8,19 @@ nodes. An agent that did not discover its peers in time counts with the duration
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from sfglab.fields import Bounds
-from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
-    PUBLISHING,
-    QUERYING,
     ROUTED,
     STANDARD,
     Config,
     exp,
 )
-from sfglab.lab.experiments.discovery.simulated import ENDPOINTS_PER_NODE
 from sfglab.lab.figures import default_sidecar, note, series
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived
@@ -53,7 +48,7 @@ RECEIVED_MB = "MB received by standard"  #: Key of the bytes of sfglab's standar
 
 
 @derived
-def agents_of(run: Run[Config]) -> pd.DataFrame:
+def agents_of(run: Run[Any]) -> pd.DataFrame:
     """Return one row per agent of the live fleets, with its fleet's columns, `nodes` and `cpu_s`."""
     # Earlier logs have further columns with the names of those of agents, and the CPU time in two parts.
     cells = run["cell"].drop(columns=[TIME, "censored"], errors="ignore")
@@ -124,31 +119,6 @@ def fleet_table(run: Run[Config]) -> pd.DataFrame:
     }
     found = pd.DataFrame(columns).reset_index()
     return found.sort_values("agents", ascending=False, kind="stable")
-
-
-def endpoints(mode: str, agents: Any, nodes: int) -> Any:
-    """Return the number of endpoints in the global domain by formula.
-
-    Args:
-        mode: Mode of a simulated fleet.
-        agents: Number of agents, or an array of numbers.
-        nodes: Number of nodes per agent.
-    """
-    if mode == STANDARD:
-        return agents * nodes * ENDPOINTS_PER_NODE
-    if mode == PUBLISHING:
-        return 5 * agents
-    return 4 * agents + 2 * agents * (agents - 1)  # two per query, from each agent to each other
-
-
-def announcements(mode: str, agents: Any, nodes: int) -> Any:
-    """Return the number of announcements by formula: each endpoint, to each participant of another agent.
-
-    The arguments are those of `endpoints`. Each node has a participant in the global domain, or each
-    router has one.
-    """
-    participants = nodes if mode == STANDARD else 1
-    return endpoints(mode, agents, nodes) * participants * (agents - 1)
 
 
 # --- Claims -----------------------------------------------------------------------------------
@@ -390,72 +360,3 @@ def draw_extrapolated(axes: Axes, nodes: int, less: Few, more: Few) -> None:
     text = f"{received / 1e6:.0f} MB, extrapolated from\n{less[0]} and {more[0]} nodes per agent"
     side: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
     axes.annotate(text, at, (-8, 0), fontsize=9, **side)
-
-
-LARGEST = 1000  #: Number of agents up to which the formula is drawn.
-#: Style and name for readers by mode of the formula.
-SCALES = {STANDARD: STANDARD, QUERYING: LAUNCHED, PUBLISHING: ROUTED}
-
-
-@exp.figure("discovery_scale", size=(7, 4.4), measured=False)
-def draw_scale(figure: Figure, run: Run[Config]) -> None:
-    """Draw the discovery announcements between agents over the number of agents, by formula."""
-    axes = figure.subplots()
-    table = run["simulated"]
-    nodes = int((table["talkers"] + table["listeners"]).max())
-    many = np.geomspace(2, LARGEST, 60)
-    for mode, method in SCALES.items():
-        color = STYLES[method]["color"]
-        axes.plot(many, announcements(mode, many, nodes), label=NAMES[method], color=color)
-    axes.set(xscale="log", yscale="log", xlabel="number of agents")
-    axes.set_ylabel("announcements between agents (number)")
-    axes.set_xticks([2, 6, 25, 100, LARGEST], ["2", "6", "25", "100", f"{LARGEST:,}"])
-    axes.legend()
-    counts = [f"{announcements(mode, LARGEST, nodes) / 1e6:,.0f} million" for mode in SCALES]
-    figure.suptitle(
-        f"By formula, {LARGEST:,} agents exchange {counts[0]} announcements with plain ROS 2,\n"
-        f"{counts[1]} with the paper's method and {counts[2]} with the sfglab variant",
-        fontsize=11,
-    )
-    note(figure, f"{nodes} nodes per agent")
-
-
-# --- Explorer ---------------------------------------------------------------------------------
-
-Agents = Annotated[int, Bounds(2, LARGEST, log=True)]
-Nodes = Annotated[int, Bounds(2, 100)]
-
-#: Numbers of agents at which the curves are drawn.
-COUNTS = [2, 3, 6, 10, 25, 60, 100, 250, 600, LARGEST]
-_AGENTS = pictures.Axis("agents", "", 2, LARGEST, log=True, ticks=(2, 10, 100, LARGEST))
-_ANNOUNCEMENTS = pictures.Axis(
-    "announcements", "", 1, 1e12, log=True, si=True, ticks=(1, 1e3, 1e6, 1e9, 1e12)
-)
-
-
-@exp.explorer
-def fleet_announcements(*, agents: Agents = 6, nodes_per_agent: Nodes = 20) -> pictures.Picture:
-    """Return the announcements between agents over the number of agents, by formula.
-
-    Each endpoint in the global domain is announced to each participant of another agent.
-
-    Args:
-        agents: Number of agents of the dots.
-        nodes_per_agent: Number of ROS 2 nodes of each agent.
-    """
-    drawn: list[pictures.Series] = []
-    counted = []
-    for mode, method in SCALES.items():
-        values = [announcements(mode, count, nodes_per_agent) for count in (*COUNTS, agents)]
-        drawn += pictures.curve(
-            NAMES[method], str(STYLES[method]["color"]), [*COUNTS, agents], values
-        )
-        counted.append(f"{values[-1]:,} ({NAMES[method]})")
-    said = (
-        f"Announcements between {agents} agents with {nodes_per_agent} nodes each: "
-        f"{', '.join(counted)}."
-    )
-    panel = pictures.Panel(
-        title="announcements between agents", x=_AGENTS, y=_ANNOUNCEMENTS, series=tuple(drawn)
-    )
-    return pictures.Picture(said=said, panels=(panel,))
