@@ -53,6 +53,7 @@ FIGURES_OF_HOSTS = {
     "15_frames": "mocap_error mocap_trees",
     "17_viewer": "visualisation_latency visualisation_points",
     "19_middleware": "middleware_cost middleware_scale",
+    "24_wireless": "wireless_age wireless_video",
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
 NOTEBOOKS = [path.stem for path in find_notebooks(Project(root=ROOT)) if path.stem not in REPORTS]
@@ -177,11 +178,22 @@ def everything_is_shown(run):
     assert run.log.stat().st_size < 500_000
 
 
+def every_way_recovers(run):
+    """Without loss samples are young, and after the short outage they and the latched value arrive again."""
+    cells = run["samples"]
+    assert (cells.loc[cells["channel"] == "no loss", "age_p95_ms"] < 1000).all()
+    outages = cells[cells["outage_s"] > 0]
+    assert set(outages["way"]) == set(run.config.ways)
+    assert outages[["flows_s", "latched_s", "whole_s"]].notna().all(axis=None)
+    assert run["video"]["frozen"].between(0, 1).all()
+
+
 LIVE_RUNS = {
     "decode_once": frames_are_whole,
     "latency": pictures_are_present,
     "mocap": the_bridge_keeps_the_tree_whole,
     "visualisation": everything_is_shown,
+    "wireless": every_way_recovers,
 }
 """Checks of the logs of live runs, by experiment."""
 

@@ -22,6 +22,7 @@ EXPERIMENTS = (
     "discovery",
     "middleware",
     "latency",
+    "wireless",
     "balancing",
     "transmission",
     "cooperation",
