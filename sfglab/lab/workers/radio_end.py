@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sfglab.bus import Node
-from sfglab.bus.address import BusAddress
+from sfglab.bus.zenoh.address import ZenohAddress
 from sfglab.bus.zenoh.backend import ZenohBackend
-from sfglab.bus.zenoh.session import ZenohConfig
 from sfglab.codecs import (
     FFMPEG_PACKET,
     TABLE_2,
@@ -32,9 +31,11 @@ from sfglab.component import Orders, Reporter, run_component
 from sfglab.fleet.discovery.config import DiscoverySettings
 from sfglab.fleet.discovery.lifecycle import Announced
 from sfglab.fleet.discovery.node import AgentDiscoverer
+from sfglab.fleet.hub import hub_config
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.fleet.status.node import StatusProvider
+from sfglab.lab.hosts.host import INTERFACE
 from sfglab.lab.sources import open_source
 from sfglab.messages import message_type, ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, QoSProfile, Reliability
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 Way = Literal["dds_reliable", "dds_best_effort", "zenoh_quic", "zenoh_tcp"]
 AGENTS = {"startup": Schedule(startup_s=3600), "steady": Schedule(startup_s=0)}
 """Agents with their heartbeats: one of them stays in the startup phase, the other begins with the steady state."""
+HUB = "10.77.0.2"  #: Address of the station, the first host of the network, to which Zenoh's client connects.
 PERIOD_S = 0.02  #: Period of the samples, s.
 FRESH_S = 0.1  #: Age up to which a sample or a picture is fresh, s.
 
@@ -64,23 +66,21 @@ class RadioEndConfig:
 
     is_robot: bool  #: Whether the end is the robot.
     way: Way  #: Middleware, and its reliability or transport.
-    address: BusAddress  #: DDS domain and interface.
-    hub: str  #: IP address of the station, to which Zenoh's client connects.
-    certificates: str  #: Folder with certificates, for QUIC.
+    certificates: str  #: Folder with the certificate ``hub`` of both ends, for QUIC.
     films: bool  #: Whether the robot has a camera.
 
     def node(self) -> Node:
         """Return the node, which is not started."""
         name = "robot" if self.is_robot else "station"
-        middleware, _, kind = self.way.partition("_")
+        middleware, _, link = self.way.partition("_")
         if middleware == "dds":
-            return Node(name, **self.address.options())
-        places = (f"{kind}/{self.hub}:7447",)
-        certificates = self.certificates if kind == "quic" else ""
-        session = ZenohConfig(mode="client", connect=places, certificates=certificates)
+            return Node(name, domain_id=0, interface=INTERFACE, multicast="spdp")
+        certificates = self.certificates if link == "quic" else ""
         if not self.is_robot:
-            session = replace(session, mode="router", connect=(), listen=places)
-        return Node(name, join=partial(ZenohBackend, session))
+            hub = hub_config(HUB, certificates=certificates)
+            return Node(name, join=partial(ZenohBackend, hub))
+        client = ZenohAddress(hubs=(HUB,), certificates=certificates, name="hub")
+        return Node(name, **client.options())
 
     def qos(self, profile: QoSProfile) -> QoSProfile:
         """Return a profile with the reliability of samples and of the camera's stream."""

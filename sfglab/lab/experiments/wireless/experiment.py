@@ -109,7 +109,7 @@ def video_cells(config: Config) -> dict[Cell, int]:
 
 
 @exp.table("samples", "video")
-class CellRow(TableRow):
+class RadioRow(TableRow):
     """One cell. Times of recovery are NaN if they exceed the time that is observed."""
 
     way: str  #: One of `WAYS`.

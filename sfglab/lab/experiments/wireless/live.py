@@ -8,15 +8,13 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import asynccontextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.bus.address import BusAddress
-from sfglab.fleet.certificates import HUB_FOLDER, write_certificates
-from sfglab.fleet.fleet_file import Fleet
+from sfglab.fleet.fleet_file import AgentSpec, Fleet
 from sfglab.lab.bench import as_row
 from sfglab.lab.cells import run_cells
 from sfglab.lab.experiments.wireless.experiment import (
@@ -24,8 +22,8 @@ from sfglab.lab.experiments.wireless.experiment import (
     BEFORE_S,
     FROZEN_S,
     Cell,
-    CellRow,
     Config,
+    RadioRow,
     TraceRow,
     exp,
     sample_cells,
@@ -33,7 +31,7 @@ from sfglab.lab.experiments.wireless.experiment import (
 )
 from sfglab.lab.hosts import Network
 from sfglab.lab.live_flows import QUIET
-from sfglab.lab.workers.radio_end import FRESH_S, RadioEndConfig, Way
+from sfglab.lab.workers.radio_end import FRESH_S, HUB, RadioEndConfig, Way
 from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_MS, NS_PER_S
 
@@ -47,7 +45,6 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 RadioLink = tuple[Network, ProcessGroup]  #: A radio, and the processes of robot and station.
-STATION_ADDRESS = "10.77.0.2"  #: Address of the first host of a network.
 START_S = 120.0  #: Time limit for processes to start, and for a link to settle, s.
 STEP_NS = 5_000_000  #: Distance of the times at which the age is taken, ns.
 TRACE_EVERY = 20  #: Distance of the rows of `TraceRow`, in steps.
@@ -75,7 +72,7 @@ class Span:
         return at_ns, at_ns - newest[np.searchsorted(pairs[:, 1], at_ns, side="right") - 1]
 
     def columns(self) -> dict[str, Any]:
-        """Return the measured columns of `CellRow`."""
+        """Return the measured columns of `RadioRow`."""
         start_ns, back_ns, end_ns = self.marks_ns[0], self.marks_ns[-2], self.marks_ns[-1]
         samples = self.pairs("samples")
         samples = samples[samples[:, 1] >= start_ns]
@@ -109,39 +106,28 @@ class Span:
 
 def _first_s(times_ns: Sequence[int] | NDArray[np.int64], since_ns: int) -> float:
     """Return the time from one event to the first of others, s; NaN if there is none."""
-    later_ns = [time_ns for time_ns in times_ns if time_ns >= since_ns]
-    return (min(later_ns) - since_ns) / NS_PER_S if later_ns else np.nan
+    later_s = [float(time_ns - since_ns) / NS_PER_S for time_ns in times_ns if time_ns >= since_ns]
+    return min(later_s, default=np.nan)
 
 
 @asynccontextmanager
 async def radio_link(
-    certificates: str, table: str, stage: tuple[Way, float]
+    certificates: Path, table: str, stage: tuple[Way, float]
 ) -> AsyncIterator[RadioLink]:
     """Provide a robot and a station whose processes serve, on a radio of their own; a stage begins with the way."""
+    config = RadioEndConfig(
+        is_robot=False, way=stage[0], certificates=str(certificates), films=table == "video"
+    )
     with Network() as network:
-        hosts = {name: network.add_host(name) for name in ("station", "robot")}
         members = []
-        for name, host in hosts.items():
-            config = RadioEndConfig(
-                is_robot=name == "robot",
-                way=stage[0],
-                address=BusAddress(domain_id=0, interface=host.interface, multicast="spdp"),
-                hub=STATION_ADDRESS,
-                certificates=certificates,
-                films=table == "video",
-            )
+        for name in ("station", "robot"):
+            network.add_host(name)
+            own = replace(config, is_robot=name == "robot")
             module = "sfglab.lab.workers.radio_end"
-            members.append(Member(name=name, host=name, module=module, config=config))
+            members.append(Member(name=name, host=name, module=module, config=own))
         network.set_radio(QUIET)
         async with ProcessGroup(members, wrap_command=network.argv, start_s=START_S) as group:
             yield network, group
-
-
-def make_certificates(folder: Path) -> str:
-    """Make the certificates of a hub at the station's address, which both ends use, and return their folder."""
-    fleet = Fleet(name="wireless", agents=())
-    write_certificates(fleet, folder, [[STATION_ADDRESS]])
-    return str(folder / f"{HUB_FOLDER}{STATION_ADDRESS}")
 
 
 async def play_cell(link: RadioLink, cell: Cell, config: Config, seed: int) -> Span:
@@ -170,14 +156,18 @@ async def play_cell(link: RadioLink, cell: Cell, config: Config, seed: int) -> S
 
 async def _measure(bench: Bench[Config], table: str, cells: Mapping[Cell, int]) -> None:
     """Run cells, all ways at once."""
-    certificates = make_certificates(bench.folder(f"certificates-{table}"))
+    from sfglab.fleet.certificates import write_certificates
+
+    certificates = bench.folder(f"certificates-{table}")
+    fleet = Fleet(name="wireless", agents=(AgentSpec(name="robot", domain=1),))
+    write_certificates(fleet, certificates, [[HUB]])
     config = bench.config
 
     async def play(link: RadioLink, cell: Cell, repeat: int) -> dict[str, list[Any]]:
         span = await play_cell(link, cell, config, config.seed + repeat)
         origin = {**asdict(cell), "repeat": repeat}
         trace = span.trace() if cell.outage_s else []
-        row = as_row(CellRow, span.columns(), origin)
+        row = as_row(RadioRow, span.columns(), origin)
         return {table: [row], "trace": [as_row(TraceRow, at, origin) for at in trace]}
 
     def stage_of(cell: Cell) -> tuple[Way, float]:

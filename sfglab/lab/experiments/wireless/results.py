@@ -105,7 +105,7 @@ def draw_groups(axes: Axes, found: pd.DataFrame, channels: tuple[str, ...]) -> N
     for number, (way, style) in enumerate(STYLES.items()):
         rows = found[found["way"] == way].set_index("channel").reindex(channels)
         at = np.arange(len(channels)) + 0.17 * (number - 1.5)
-        errors = np.array([rows["value"] - rows["low"], rows["high"] - rows["value"]])
+        errors = np.array([rows["value"] - rows["low"], rows["high"] - rows["value"]]).clip(0)
         axes.errorbar(at, rows["value"], errors, linestyle="", capsize=3, **style)
     axes.set_xticks(range(len(channels)), channels)
     axes.grid(visible=False, axis="x")
@@ -143,7 +143,7 @@ def draw_age(figure: Figure, run: Run[Config]) -> None:
         ylabel="age (s), median over repetitions",
     )
     draw_legend(figure)
-    note(figure, "age of the newest sample, 64 B at 50 Hz; left: medians, 95 % intervals", run)
+    note(figure, "live; age of the newest sample, 64 B at 50 Hz; left: medians, 95 % intervals")
 
 
 @exp.figure("wireless_video", size=(11.6, 4.6))
@@ -157,4 +157,4 @@ def draw_video(figure: Figure, run: Run[Config]) -> None:
         axes.set(title=title, ylim=(0, 1))
     panels[0].set_ylabel("share of the time that is frozen")
     draw_legend(figure)
-    note(figure, "H.264, 640 x 360, 30 Hz, 4 Mbit/s; medians, 95 % intervals", run)
+    note(figure, "live; H.264, 640 x 360, 30 Hz, 4 Mbit/s; medians, 95 % intervals")
