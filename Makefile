@@ -113,7 +113,7 @@ lock: ## Renew the lock files from pyproject.toml (needs uv)
 	for d in jazzy kilted; do uv pip compile --quiet --python-version 3.11 --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --no-emit-find-links install/$$d.in -o install/$$d.lock; done
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --extra view --extra cluster --extra rtl --extra deploy pyproject.toml -o install/requirements.lock
+		--no-emit-index-url --no-emit-find-links --extra view --extra cluster --extra rtl --extra deploy --extra zenoh pyproject.toml -o install/requirements.lock
 	for e in dev:tests book:book; do \
 		$(PYTHON) -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['$${e%:*}'], sep='\n')" \
 		| uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
