@@ -408,4 +408,6 @@ async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agent
         async with beside(router.run(), provider.run(), found.run()):
             heard = await asyncio.wait_for(news.get(), 60)
             assert (heard.agent, heard.event) == ("go2", "DISCOVERED")
-            assert {e.node for e in station.graph.publishers("/global/agent_heartbeat")} == {"/far"}
+            senders = {e.node for e in station.graph.publishers("/global/agent_heartbeat")}
+            # Over Zenoh routers send heartbeats without tokens.
+            assert senders == (set() if far.backend.kind == "zenoh" else {"/far"})

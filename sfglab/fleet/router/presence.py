@@ -7,8 +7,9 @@ receive four tokens of each other agent, and a token costs a hub twenty times as
   newest description, 0 for none.
 - A router queries a description from the agent's router, on a key below ``/global/<agent>``, when a heartbeat has
   another number than the description that it knows. The heartbeat follows the description.
-- After each new connection a router sends its agent's last heartbeat again and queries those of the others, because
-  heartbeats are latched in the domains of agents.
+- The query carries the heartbeat of the router's own agent. So a new agent, which all others query, knows them at once
+  and not only when each of them sends its next heartbeat.
+- After each new connection a router sends its agent's last heartbeat again.
 
 There, a router has two latched publishers for each other agent, as for a topic with several sources.
 """
@@ -22,7 +23,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointKind, user_data
-from sfglab.bus.loop import nothing
 from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
 from sfglab.bus.zenoh.endpoints import direct
 from sfglab.bus.zenoh.layout import ATTACHMENT, GID_BYTES
@@ -50,9 +50,8 @@ _DESCRIPTIONS = replace(topic_endpoint(AGENT_METADATA, metadata_topic(), LATCHED
 #: DDS topics that are exchanged as described here.
 TOPICS = (_HEARTBEATS.dds_topic, _DESCRIPTIONS.dds_topic)
 MAX_SOURCES = 2000  #: Most routers whose heartbeats a router publishes in its agent's domain.
-_SILENT_PERIODS = (
-    4  # announced periods without a heartbeat after which an agent's messages are withdrawn
-)
+# Announced periods without a heartbeat after which an agent's messages are withdrawn.
+_SILENT_PERIODS = 4
 _QUERY_S = 2.0  # longest wait for a description
 
 
@@ -87,12 +86,10 @@ class Presence:
         self._session = remote.session
         self._user_data = user_data({ROUTER_KEY: tag})
         self._key = remote.key(_HEARTBEATS)
+        self._own_key = self._description_key(agent)
         self._subscriptions = {
             key: Subscription(self._local, endpoint, partial(self._on_own, key), raw=True)
-            for key, endpoint in (
-                (self._key, _HEARTBEATS),
-                (self._description_key(agent), _DESCRIPTIONS),
-            )
+            for key, endpoint in ((self._key, _HEARTBEATS), (self._own_key, _DESCRIPTIONS))
         }
         self._own: dict[str, bytes] = {}  # newest messages of the agent, by key
         self._described = 0  # number of its descriptions
@@ -119,6 +116,8 @@ class Presence:
             subscription.close()
         for source in self._sources.values():
             source.close()
+        self._sources.clear()
+        self._is_followed = False  # samples that were received before are ignored
         self._session.order(self._undeclare)
 
     def _description_key(self, agent: str) -> str:
@@ -142,10 +141,9 @@ class Presence:
     # In threads of Zenoh
 
     def _declare(self, session: Any) -> None:
-        for key in self._subscriptions:
-            answer = direct(partial(self._on_query, key))
-            self._declared.append(session.declare_queryable(key, answer))
-        connected = direct(lambda _: self._session.order(self._join))
+        answer = direct(self._on_query)
+        self._declared.append(session.declare_queryable(self._own_key, answer))
+        connected = direct(lambda _: self._session.order(self._announce))
         listener = session.info.declare_transport_events_listener(connected, history=True)
         self._declared.append(listener)
 
@@ -156,37 +154,34 @@ class Presence:
     def _follow(self, session: Any) -> None:
         take = direct(partial(self._take, self._on_heartbeat))
         self._declared.append(session.declare_subscriber(self._key, take))
-        self._join(session)
-
-    def _join(self, session: Any) -> None:
-        self._announce(session)
-        if self._is_followed:
-            self._query(self._key, self._on_heartbeat, nothing, session)
 
     def _announce(self, session: Any) -> None:
         if (cdr := self._newest(self._key)) is not None:
             session.put(self._key, cdr, attachment=self._attachment())
 
-    def _on_query(self, key: str, query: Any) -> None:
-        self._session.order(lambda _: self._reply(key, query))
+    def _on_query(self, query: Any) -> None:
+        if query.payload is not None:
+            self._take(self._on_heartbeat, query)
+        self._session.order(partial(self._reply, query))
 
-    def _reply(self, key: str, query: Any) -> None:
+    def _reply(self, query: Any, _: Any) -> None:
         with query:
-            if (cdr := self._newest(key)) is not None:
-                query.reply(key, cdr, attachment=self._attachment())
+            if (cdr := self._newest(self._own_key)) is not None:
+                query.reply(self._own_key, cdr, attachment=self._attachment())
 
-    def _query(
-        self, key: str, then: Callable[..., None], end: Callable[[], None], session: Any
-    ) -> None:
+    def _query(self, gid: bytes, agent: str, session: Any) -> None:
+        """Query the description of the agent of a router with this GID."""
         from zenoh import CongestionControl, ConsolidationMode, QueryTarget
 
         def on_reply(reply: Any) -> None:
             if reply.ok is not None:
-                self._take(then, reply.ok)
+                self._take(partial(self._on_description, gid), reply.ok)
 
         session.get(
-            key,
-            direct(on_reply, end),
+            self._description_key(agent),
+            direct(on_reply, partial(self._on_loop, partial(self._on_query_end, gid))),
+            payload=self._newest(self._key),
+            attachment=self._attachment(),
             target=QueryTarget.ALL,
             consolidation=ConsolidationMode.NONE,
             congestion_control=CongestionControl.DROP,  # also of replies: a slow agent delays no other
@@ -214,9 +209,8 @@ class Presence:
         except CdrError:
             return
         source = self._sources.get(gid)
-        if not is_valid_heartbeat(message) or (
-            source is None and len(self._sources) >= MAX_SOURCES
-        ):
+        is_full = source is None and len(self._sources) >= MAX_SOURCES
+        if is_full or not self._is_followed or not is_valid_heartbeat(message):
             return
         if source is None:
             heartbeats, descriptions = map(self._publisher, (_HEARTBEATS, _DESCRIPTIONS))
@@ -229,9 +223,7 @@ class Presence:
             source.heartbeats.publish_raw(cdr)
             return
         source.is_querying = True
-        then = partial(self._on_description, gid)
-        end = partial(self._on_loop, partial(self._on_query_end, gid))
-        self._session.order(partial(self._query, self._description_key(message.agent), then, end))
+        self._session.order(partial(self._query, gid, message.agent))
 
     def _on_description(self, asked: bytes, gid: bytes, number: int, cdr: bytes) -> None:
         """Publish a description, unless it is of another agent with the same name."""
