@@ -39,7 +39,7 @@ def test_environment_yml_lists_the_dependencies_and_the_extras_of_the_notebooks(
     listed = {normal(each) for each in [*conda, *pip["pip"]]} - {"pip", "python>=3.11"}
     project = PYPROJECT["project"]
     wanted = [*project["dependencies"]]
-    for extra in ("view", "rtl", "deploy"):
+    for extra in ("view", "rtl", "deploy", "zenoh"):
         wanted += project["optional-dependencies"][extra]
     assert listed == {*map(normal, wanted)}
 

@@ -13,6 +13,6 @@ async with Node("talker", join=partial(ZenohBackend, hub)) as node:
 ```
 
 Keys, tokens, attachments and type hashes are those of rmw_zenoh_cpp (`layout`). A node is a Zenoh session with a
-thread, which declares, calls and sends whatever may have to wait. Zenoh has no rules for incompatible QoS; the
-readers and writers here match by those of DDS. There is no shared memory over Zenoh.
+thread, which makes all declarations, calls and sends that may have to wait. Zenoh has no rules for incompatible
+QoS; the readers and writers here match by those of DDS. There is no shared memory over Zenoh.
 """

@@ -14,6 +14,7 @@ from sfglab.bus.endpoints import Inbox
 from sfglab.bus.errors import WriterBlockedError
 from sfglab.bus.loop import nothing
 from sfglab.bus.zenoh.layout import ATTACHMENT, GID_BYTES, NO_HASH, end_gid, gid_of
+from sfglab.bus.zenoh.session import direct
 from sfglab.messages import serialize
 from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibilities
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import EndpointEvent, EndpointInfo, RawEndpoint
-    from sfglab.bus.zenoh.backend import ZenohBackend
+    from sfglab.bus.zenoh.participant import ZenohParticipant
 
 # Period in which a latched publisher sends its latest sequence number, s, as in rmw_publisher_data.cpp.
 _HEARTBEAT_S = 0.5
@@ -40,22 +41,12 @@ _PRIORITIES = {
 }
 
 
-def direct(callback: Callable[[Any], None], end: Callable[[], None] = nothing) -> Any:
-    """Return a handler that calls functions in a thread of Zenoh.
-
-    They must not wait: all subscriptions of the session would.
-    """
-    from zenoh.handlers import Callback
-
-    return Callback(callback, end, indirect=False)
-
-
 class ZenohEnd:
     """Endpoint of the node with its peers, which match by the rules of DDS; Zenoh itself has no such rules."""
 
     def __init__(
         self,
-        backend: ZenohBackend,
+        backend: ZenohParticipant,
         endpoint: RawEndpoint,
         notify: Callable[[], None],
         inbox: Any = None,
@@ -158,7 +149,7 @@ class ZenohWriter(ZenohEnd):
     """
 
     def __init__(
-        self, backend: ZenohBackend, endpoint: RawEndpoint, notify: Callable[[], None]
+        self, backend: ZenohParticipant, endpoint: RawEndpoint, notify: Callable[[], None]
     ) -> None:
         qos = endpoint.qos
         self._is_reliable = qos.reliability is Reliability.RELIABLE
@@ -267,7 +258,7 @@ class ZenohReader(ZenohEnd):
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
         )
         self._declared.append(subscriber)
-        # A publisher knows the reader when it has sent the history: it replies to this query, for no sample, later.
+        # A publisher has sent the history before it replies to this query for no sample. Then it may know the reader.
         announce = partial(self._backend.session.order, self._announce)
         caches = f"{key}/@adv/pub/**?_max=0"
         session.get(caches, direct(nothing, announce), target=QueryTarget.ALL, timeout=_QUERY_S)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.graph import Graph
-from sfglab.bus.zenoh.endpoints import direct
 from sfglab.bus.zenoh.layout import (
     NO_HASH,
     TOKENS,
@@ -18,6 +17,7 @@ from sfglab.bus.zenoh.layout import (
     token_kind,
     wire_type,
 )
+from sfglab.bus.zenoh.session import direct
 from sfglab.names import ros_name_from_dds
 
 if TYPE_CHECKING:

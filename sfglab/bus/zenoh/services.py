@@ -11,8 +11,9 @@ import time
 from functools import partial
 from typing import Any, NoReturn
 
-from sfglab.bus.zenoh.endpoints import ZenohEnd, direct
+from sfglab.bus.zenoh.endpoints import ZenohEnd
 from sfglab.bus.zenoh.layout import ATTACHMENT, GID_BYTES, gid_of
+from sfglab.bus.zenoh.session import direct
 from sfglab.messages import ServiceFrame, frame_service, unframe_service
 
 # Most requests of a node's servers that wait for a reply. The oldest are dropped first: a handler may fail.

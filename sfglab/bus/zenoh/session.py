@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.bus.errors import BusError, DomainError
-from sfglab.bus.loop import JOIN_S, call_logged
+from sfglab.bus.loop import JOIN_S, call_logged, nothing
 from sfglab.bus.zenoh.security import ACCESS, tls_settings
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import MissingExtraError
@@ -137,6 +137,16 @@ class Session:
                 _log.warning(said, self._place, pause_s, reason)
                 self._closing.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+
+
+def direct(callback: Callable[[Any], None], end: Callable[[], None] = nothing) -> Any:
+    """Return a handler that calls functions in a thread of Zenoh.
+
+    They must not wait: all subscriptions of the session would.
+    """
+    from zenoh.handlers import Callback
+
+    return Callback(callback, end, indirect=False)
 
 
 def _checked(settings: str) -> Any:

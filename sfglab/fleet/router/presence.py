@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointKind, user_data
 from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
-from sfglab.bus.zenoh.endpoints import direct
 from sfglab.bus.zenoh.layout import ATTACHMENT, GID_BYTES
+from sfglab.bus.zenoh.session import direct
 from sfglab.fleet.discovery.validation import is_valid_heartbeat
 from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.fleet.status.heartbeat import (

@@ -21,7 +21,6 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from sfglab.bus.zenoh.endpoints import direct
 from sfglab.bus.zenoh.layout import (
     ATTACHMENT,
     GID_BYTES,
@@ -31,7 +30,7 @@ from sfglab.bus.zenoh.layout import (
     token_text,
     wire_type,
 )
-from sfglab.bus.zenoh.session import ZenohConfig
+from sfglab.bus.zenoh.session import ZenohConfig, direct
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
