@@ -171,6 +171,16 @@ def test_a_signal_reaches_both_and_the_agent_says_how_it_ended(start):
     assert status == 0
 
 
+def test_a_signal_that_is_lost_twice_is_sent_again(start):
+    third = (
+        "trap 'n=$((n + 1)); [ $n -lt 3 ] || exit 5' TERM; echo ready; while :; do sleep 0.02; done"
+    )
+    process = start(f"n=0; {third}", "exec sleep 60", "agent", "up")
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGTERM)
+    assert ended(process)[0] == 5
+
+
 def test_the_users_software_is_started_beside_an_agent_alone(start):
     process = start('echo "sfglab $*"', "echo launched; exec sleep 60", "router", "--agent", "go2")
     assert ended(process) == (0, "sfglab router --agent go2\n")
