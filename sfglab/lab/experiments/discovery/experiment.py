@@ -13,7 +13,7 @@ from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable
 
 STANDARD: Final = "standard"
 #: The paper's method: the start order launches all processes of an agent, and agents query each
@@ -43,25 +43,19 @@ _FEW = tuple(
 )
 
 
-def _former_ros2(
-    repeats: int, sizes: Mapping[int, int], composed: Sequence[int], starts: int
-) -> list[dict[str, Any]]:
-    """Return the removed field ``ros2`` in the form of older logs; `sizes` has nodes per role, by number of agents."""
+def _former(agents: Iterable[int], nodes: int, repeats: int) -> dict[str, Any]:
+    """Return fleets in the form of the removed fields ``ros2`` and ``simulated``."""
+    return {"agents": [*agents], "talkers": nodes, "listeners": nodes, "repeats": repeats}
+
+
+def _former_ros2() -> list[dict[str, Any]]:
+    """Return the removed field ``ros2`` of the log beside ROS 2."""
     fleets = []
-    for agents, nodes in sizes.items():
-        for mode, count in (("standard ROS 2", repeats), (STANDARD, repeats), (ROUTED, 1)):
-            fleets.append((mode, [agents], nodes, count))
-    fleets.append(("standard ROS 2, composed", [*composed], 10, starts))
-    names = ("mode", "agents", "talkers", "listeners", "repeats", "pace_s")
-    return [
-        dict(zip(names, (mode, agents, nodes, nodes, count, 0.0), strict=True))
-        for mode, agents, nodes, count in fleets
-    ]
-
-
-def _former_simulated(repeats: int, *agents: int) -> dict[str, Any]:
-    """Return the removed field ``simulated``: sizes of simulated fleets, and the number of seeds."""
-    return {"agents": list(agents), "talkers": 10, "listeners": 10, "repeats": repeats}
+    for agents, nodes in ((2, 10), (3, 6), (4, 3), (6, 2)):
+        for mode, repeats in (("standard ROS 2", 20), (STANDARD, 20), (ROUTED, 1)):
+            fleets.append({"mode": mode, **_former([agents], nodes, repeats)})
+    fleets.append({"mode": "standard ROS 2, composed", **_former(_FLEETS, 10, 20)})
+    return [{**fleet, "pace_s": 0.0} for fleet in fleets]
 
 
 def paced(repeats: int, sizes: tuple[int, ...]) -> tuple[Stage, ...]:
@@ -194,13 +188,10 @@ exp = Experiment(
         Link("router", "discoverer", "peers' heartbeats, descriptions"),
     ),
     removed={
-        "ros2": {
-            "quick": _former_ros2(2, {2: 10, 4: 3}, [6], 1),
-            "paper": _former_ros2(20, {2: 10, 3: 6, 4: 3, 6: 2}, _FLEETS, 20),
-        },
+        "ros2": {"paper": _former_ros2()},
         "simulated": {
-            "quick": _former_simulated(1, 2, 4, 6, 12, 25, 50, 100, 200, 500, 1000),
-            "paper": _former_simulated(5, 2, 3, 4, 5, 6, 10, 15, 20, 25),
+            "quick": _former((2, 4, 6, 12, 25), 10, 1),
+            "paper": _former((*_FLEETS, 10, 20, 50, 100, 200, 500, 1000), 10, 5),
         },
     },
 )

@@ -50,11 +50,8 @@ RECEIVED_MB = "MB received by standard"  #: Key of the bytes of sfglab's standar
 @derived
 def agents_of(run: Run[Any]) -> pd.DataFrame:
     """Return one row per agent of the live fleets, with its fleet's columns, `nodes` and `cpu_s`."""
-    # Earlier logs have further columns with the names of those of agents, and the CPU time in two parts.
-    cells = run["cell"].drop(columns=[TIME, "censored"], errors="ignore")
-    if "cpu_s" not in cells:
-        cells["cpu_s"] = cells["nodes_cpu_s"] + cells["components_cpu_s"]
-    fleets = cells.assign(nodes=cells["talkers"] + cells["listeners"])
+    fleets = run["cell"]
+    fleets = fleets.assign(nodes=fleets["talkers"] + fleets["listeners"])
     return run["host"].merge(fleets, on="cell")
 
 
