@@ -148,7 +148,7 @@ def test_cells_are_measured_in_the_order_of_the_committed_log_and_modes_of_a_cou
     run = reference(exp)
     groups = groups_of(run.config)
     rows = pd.DataFrame([cell for group in groups for cell in group])
-    assert results.stream_cells(run)[rows.columns].equals(rows)
+    assert run["cell"][rows.columns].equals(rows)
     for group in groups:
         assert len({(cell.subscribers, cell.repeat) for cell in group}) == 1
         modes = {cell.mode for cell in group}

@@ -27,10 +27,9 @@ def made(tmp_path):
 
     def make(*, held=9, **changed):
         exact = {"check": "proxy: nothing is found wrong", "checked": 9, "held": held}
-        former = {"check": "faults: of a former version", "checked": 9, "held": 0}
         tables = {
             "edge": [{"where": "figure 6", **edge} for edge in EDGES],
-            "check": [exact, former],
+            "check": [exact],
         }
         names = {row_class: table for table, row_class in exp.tables.items()}
         for row in live_rows(PERFECT | changed):

@@ -1,7 +1,6 @@
 """The map: its conditions are the criteria's, answers and verdicts follow the criteria to the letter."""
 
 import shlex
-from dataclasses import replace
 from functools import cache
 from itertools import product
 
@@ -169,11 +168,10 @@ def test_other_conditions_than_the_criteria_s_do_not_count():
         assert found[claim].estimate.low == pytest.approx(0.875, abs=1e-3), "Wilson's of 27"
 
 
-def test_conditions_that_the_configuration_does_not_ask_for_are_not_shown():
+def test_the_committed_log_has_the_conditions_of_its_configuration():
     run = reference(exp)
     assert len(run["course"].drop_duplicates(PLACE)) == len(conditions(run.config)) == 252
-    run.config = replace(run.config, criterion=False)
-    assert len(phases(run)) == len(conditions(run.config)) < 252
+    assert len(phases(run)) == 252
 
 
 def test_an_interval_by_conditions_takes_laps_of_a_condition_together():

@@ -72,18 +72,18 @@ def shown_checks(
     )
 
 
-def fact_rows(table: pd.DataFrame, sources: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
+def fact_rows(table: pd.DataFrame, facts: Iterable[str]) -> pd.DataFrame:
     """Return facts as a table with the columns of `CheckRow`, one row per fact, in their order.
 
     Args:
         table: Rows of a log's checks. A fact that is missing there does not hold.
-        sources: Names of the facts, each with the checks that stand for it in logs from before there were facts.
+        facts: Names of the facts.
     """
     import pandas as pd
 
     rows = []
-    for fact, checks in sources.items():
-        found = table[table["check"].isin((fact, *checks))]
+    for fact in facts:
+        found = table[table["check"] == fact]
         checked, held = int(found["checked"].sum()), int(found["held"].sum())
         seen = "; ".join(found["example"]) or NOTHING
         rows.append(CheckRow(check=fact, checked=max(1, checked), held=held, example=seen))

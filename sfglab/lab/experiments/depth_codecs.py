@@ -53,7 +53,6 @@ exp = Experiment(
     where="A 4.3",
     smoke={"frames": 6},
     paper={"frames": 1200},
-    removed={"noise_mm": {"quick": 0.0, "paper": 0.0}},
 )
 
 

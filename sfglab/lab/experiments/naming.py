@@ -61,8 +61,6 @@ STATEMENTS = {
     "after the segment before it.",
     "resources where Fig. 2 does not allow them are refused": "The builder refuses a resource after a segment "
     "after which Fig. 2 does not allow it.",
-    "ROS 2's names end at their longest, and what is none is refused": "A ROS 2 name of the maximum length is "
-    "accepted; a longer one and a malformed one are refused.",
     "a segment without the one that it is part of is refused": "A component without an agent and a stream "
     "without a component are refused.",
     "a host name becomes a valid agent": "A host name is converted to a valid agent name.",
@@ -70,7 +68,6 @@ STATEMENTS = {
     "is printed in the paper, and is in the schema": "A name that the paper prints is a name of the schema.",
 }
 _EXAMPLES = {
-    "247 for a topic": "a topic's name of 247 characters",
     "agent None, component Component.CAMERA, stream None": "component camera without an agent",
 }
 

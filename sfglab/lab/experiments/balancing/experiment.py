@@ -93,16 +93,6 @@ exp = Experiment(
         Link("DataWriter", "cache control (CC)", "samples", "RTPS", "wireless channel"),
         Link("cache control (CC)", "planning", "changes", "a call"),
     ),
-    removed={
-        "stale_s": {"smoke": 20.0, "quick": 600.0, "paper": 3600.0},
-        "stale_seeds": {"smoke": 2, "quick": 20, "paper": 50},
-        "silences_s": {
-            "smoke": [0.0, 0.5],
-            "quick": [0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1],
-            "paper": [0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1],
-        },
-        "weights": {"smoke": 5, "quick": 25, "paper": 25},
-    },
 )
 exp.table("check")(CheckRow)
 

@@ -22,7 +22,7 @@ from sfglab.lab import pictures
 from sfglab.lab.checks import share_of_checks, shown_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments import experiment
-from sfglab.lab.experiments.balancing.experiment import ELECTRODE, Config, exp
+from sfglab.lab.experiments.balancing.experiment import Config, exp
 from sfglab.lab.figures import COLORS, METHOD_COLORS, grouped_bars, lines, note
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import Run, derived, lines_of
@@ -132,8 +132,6 @@ _PROPERTIES = {
     "LC: no silence is longer than allowed": "LC: no silence is longer than the maximum",
     "LC: with a longest silence every change still passes at once": "LC: with a maximum silence every change "
     "passes at once",
-    "LC: the model's compiled cache lets the same readings pass": "LC: the compiled cache of the model passes the "
-    "same readings",
     "LC: of what comes through losses planning gets the first and every change": "LC behind losses: planning "
     "receives the first value that arrives and each change",
     "LC: after losses planning ends with the sensor's value": "LC behind losses: planning ends with the sensor's "
@@ -162,8 +160,6 @@ TABLE_1 = {
     "pir": ("std_msgs/msg/String", 59),
 }
 """Types and sizes of messages, bytes, from the paper's text alone."""
-_FORMER = {f"recorded {name}": recorded for name, recorded in ELECTRODE.items()}
-"""Today's names of recorded readings, by the names in earlier logs."""
 
 
 @exp.claim("B-LC", how=How.EXACT)
@@ -176,8 +172,7 @@ def local_cache(run: Run[Config]) -> Finding:
         "fewer bytes sent": by_rate(sums["held_bytes"] / sums["bytes"]),
     }
     for row in lines_of(run["recorded"].query("silence_s == 0")):
-        name = _FORMER.get(row.sensor, row.sensor)
-        details[f"fewer messages sent, {name}"] = f"{1 - row.sent / row.offered:.0%}"
+        details[f"fewer messages sent, {row.sensor}"] = f"{1 - row.sent / row.offered:.0%}"
     frames = frames_saved(run)
     for method, frame in frames.index:
         shares = frames.loc[(method, frame)]

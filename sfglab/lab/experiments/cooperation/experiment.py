@@ -22,7 +22,7 @@ from sfglab.arp.hallway.simulation import (
 from sfglab.arp.robots import METHODS, RATES_HZ, Depth, MethodName, Rate
 from sfglab.fields import between
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.rtps import Medium
 from sfglab.units import NS_PER_S
 
@@ -50,20 +50,12 @@ class Config(Profiled):
     seed: int = 0  #: Seed of the first lap.
 
 
-_REMOVED = {"hop": False, "topics": [9, 9, 9], "sizes": "table", "slower": 1.0}
-
 exp = Experiment(
     "cooperation",
     Config,
     where="B 3.2",
     smoke={"rates_hz": (100,), "seeds": 1, "live_s": 0.0},
     paper={"seeds": 120},
-    removed={
-        **{name: dict.fromkeys(PROFILES, value) for name, value in _REMOVED.items()},
-        "contrast_seeds": {"smoke": 0, "quick": 2, "paper": 30},
-        "ros2_s": {"smoke": 14.0, "quick": 14.0, "paper": 120.0},
-        "ros2_repeats": {"smoke": 0, "quick": 1, "paper": 5},
-    },
     actors=(
         *(Actor(robot, robot, "sensing and actuation nodes, physics") for robot in ROBOTS),
         Actor("station", "station", "localisation and planning nodes"),

@@ -23,21 +23,10 @@ _ALL = tuple(range(1, 11))
 _FEW = (1, 4, 7, 10)
 
 
-def _former_stage(codec: str, source: str, few: tuple[int, ...]) -> dict[str, Any]:
-    """Return a stage in the form in which older logs have the removed field ``stages``."""
-    counts = {"counts": [*_ALL], "dds_counts": [*few], "network_counts": [*few]}
+def _former_stage(codec: str, source: str) -> dict[str, Any]:
+    """Return a stage in the removed field ``stages``."""
+    counts = {key: [*_ALL] for key in ("counts", "dds_counts", "network_counts")}
     return {"codec": codec, "source": source, **counts, "repeats": 2}
-
-
-_FORMER_DEPTH = {
-    "codec": "rvl",
-    "source": "stereo",
-    "counts": [1, 4, 7],
-    "dds_counts": [1, 7],
-    "network_counts": [4],
-    "repeats": 1,
-}
-"""Stage with a stream of depth images in committed logs of the profile `quick`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,16 +94,10 @@ exp = Experiment(
         Link("decoder", "subscriber", "or frames", over="shared memory"),
     ),
     removed={
-        "most": {"quick": 10, "paper": 10},
-        "ros2": {"quick": [1, 3], "paper": [1, 3]},
-        "raw_bytes": {"quick": 1_200_000, "paper": 20_000_000},
-        "stages": {
-            "quick": [_former_stage(H264, "photos", _FEW), _FORMER_DEPTH],
-            "paper": [
-                _former_stage(H264, "photos", _ALL),
-                _former_stage("rvl", "stereo", _ALL),
-            ],
-        },
+        "most": {"paper": 10},
+        "ros2": {"paper": [1, 3]},
+        "raw_bytes": {"paper": 20_000_000},
+        "stages": {"paper": [_former_stage(H264, "photos"), _former_stage("rvl", "stereo")]},
     },
 )
 

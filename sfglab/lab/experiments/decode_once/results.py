@@ -56,16 +56,9 @@ THROUGH = "% of one core per subscriber, through the decoder"  #: Key of the pap
 
 
 @derived
-def stream_cells(run: Run[Config]) -> pd.DataFrame:
-    """Return the cells; earlier logs also have those of a stream with another codec."""
-    table = run["cell"]
-    return table.query("codec == 'h264'") if "codec" in table else table
-
-
-@derived
 def readings(run: Run[Config]) -> pd.DataFrame:
     """Return one row per meter reading, with the columns of its cell."""
-    return run["load"].merge(stream_cells(run), on="cell")
+    return run["load"].merge(run["cell"], on="cell")
 
 
 @derived
@@ -82,7 +75,7 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     consumer = table[table["label"] == "consumer"].groupby("cell")
     medians = consumer.agg(cpu=("cpu_percent", "median"), rx=("rx_mbit_s", "median"))
     medians["paced"] = paced.groupby("cell").median()
-    return stream_cells(run).merge(medians, left_on="cell", right_index=True)
+    return run["cell"].merge(medians, left_on="cell", right_index=True)
 
 
 def points(run: Run[Config], mode: str, column: str) -> Floats:
@@ -130,7 +123,7 @@ def slopes(run: Run[Config]) -> pd.DataFrame:
 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
     """Return sums of the subscribers' counts of frames by mode, and median ages with the fewest and the most."""
-    views = run["view"].merge(stream_cells(run), on="cell")
+    views = run["view"].merge(run["cell"], on="cell")
     counts = ["frames", "unreadable", "missed", "disordered", "broken"]
     ages = views.pivot_table("age_ms", "mode", "subscribers", aggfunc="median").iloc[:, [0, -1]]
     table = views.groupby("mode", sort=False)[counts].sum()

@@ -6,16 +6,15 @@ from itertools import groupby
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.deployment.experiment import LAYERS, Config, exp
-from sfglab.lab.experiments.deployment.facts import DISCOVERY, FACTS, Outcome
+from sfglab.lab.experiments.deployment.facts import DISCOVERY, Outcome
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 _CONFIRMED, _REFUSED, _MISSING = (outcome.value for outcome in Outcome)
@@ -24,19 +23,7 @@ _CONFIRMED, _REFUSED, _MISSING = (outcome.value for outcome in Outcome)
 @derived
 def facts_of(run: Run[Config]) -> pd.DataFrame:
     """Return the facts of a run, with the columns of `FactRow`."""
-    if len(run["fact"]):
-        return run["fact"]
-    # A log with the table ``check`` is older than the facts.
-    checks = run["check"]
-    rows = []
-    for fact in FACTS:
-        asked = checks[checks["check"].isin(fact.was)]
-        faulty = asked[asked["held"] < asked["checked"]]
-        outcome = _CONFIRMED if len(asked) else _MISSING
-        if len(faulty):
-            outcome = _REFUSED
-        rows.append((fact.end, fact.name, fact.program, outcome, "; ".join(faulty["example"])))
-    return pd.DataFrame(rows, columns=["end", "fact", "program", "outcome", "detail"])
+    return run["fact"]
 
 
 def _how(run: Run[Config]) -> How:

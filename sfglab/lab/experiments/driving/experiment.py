@@ -80,11 +80,6 @@ exp = Experiment(
         "live_s": 1.0,
     },
     paper={"laps": 100, "live_s": 120.0},
-    removed={
-        "chain.width": {"quick": 640, "paper": 640},
-        "chain.height": {"quick": 480, "paper": 480},
-        "chain.graph_file": {"quick": "graphs/driving.yaml", "paper": "graphs/driving.yaml"},
-    },
     actors=(
         Actor("town", "simulation", "renders the camera's images, moves the car, judges the lap"),
         Actor("stack", "application", "all nodes of Fig. 9, each one timed"),
@@ -194,7 +189,6 @@ class DrivingTransferRow(TableRow):
     """A `DrivingTransferRow` is the transfer time of a topic of the chain, except topic A, by the memory model."""
 
     topic: str  #: Name of the topic.
-    forwarding: str  #: Forwarding of the memory model; only older logs have ``cut-through``.
     mean_s: float  #: Transfer time, s.
 
 
@@ -206,7 +200,7 @@ def write_model(bench: Bench[Config]) -> None:
         hardware_s = node.hardware.time_s if node.in_hardware and node.hardware else math.nan
         bench.write(DrivingNodeRow(node=node.name, hardware_s=hardware_s))
     for topic, time_s in chain.fixed_s.items():
-        bench.write(DrivingTransferRow(topic=topic, forwarding="stored", mean_s=time_s))
+        bench.write(DrivingTransferRow(topic=topic, mean_s=time_s))
 
 
 @exp.table("track")

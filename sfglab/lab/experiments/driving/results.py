@@ -53,7 +53,7 @@ def parts_ms(run: Run[Config], source: str, mapping: str) -> pd.DataFrame:
     frames = run["chain"]
     assumed_s = run["node"].set_index("node")["hardware_s"]
     transfers = run["transfer"]
-    others = transfers[(transfers["forwarding"] == "stored") & (transfers["topic"] != SHARED_TOPIC)]
+    others = transfers[transfers["topic"] != SHARED_TOPIC]
     topics_s = {SHARED_TOPIC: frames[_COLUMNS[mapping]], **others.set_index("topic")["mean_s"]}
     parts = {}
     for node, topic in zip(CHAIN, [*topics_s, None], strict=True):

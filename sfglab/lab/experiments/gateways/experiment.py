@@ -64,7 +64,6 @@ exp = Experiment(
     where="C 3, 5",
     smoke={"bounds": SMALL},
     paper={"bounds": (*SMALL, *LARGER, *LARGEST)},
-    removed={"bent": {"quick": True, "paper": True}},
 )
 exp.table("check")(CheckRow)
 

@@ -67,11 +67,11 @@ exp = Experiment(
         Link("decoder", "viewer", "container, new process: decoded frames over DDS"),
     ),
     removed={
-        "idle_s": {"quick": 3.0, "paper": 30.0},
-        "ros2": {"quick": 6, "paper": 120},
-        "link_mbit_s": {"quick": 50.0, "paper": 50.0},
-        "gop": {"quick": 30, "paper": 30},
-        "bitrate_mbit_s": {"quick": 4.0, "paper": 4.0},
+        "idle_s": {"paper": 30.0},
+        "ros2": {"paper": 120},
+        "link_mbit_s": {"paper": 50.0},
+        "gop": {"paper": 30},
+        "bitrate_mbit_s": {"paper": 4.0},
     },
 )
 

@@ -28,15 +28,6 @@ class Config(Profiled):
     seed: int = 0  #: Without effect; nothing is random.
 
 
-_FORMER_TIMING = {
-    "missed": 3.0,
-    "slack_ns": 300_000_000,
-    "backoff_ns": 1_000_000_000,
-    "backoff_max_ns": 2_000_000_000,
-    "forget_ns": 3_000_000_000,
-}
-"""Removed field ``timing``; these are still the waits of the run."""
-
 exp = Experiment(
     "lifecycle",
     Config,
@@ -48,13 +39,6 @@ exp = Experiment(
     },
     paper={"agents": 6, "schedule": Schedule(), "steady_beats": 24},
     hosts=(ROBOT, STATION),
-    removed={
-        "routed": {"quick": True, "paper": True},
-        "walker_period_s": {"quick": 0.5, "paper": 1.0},
-        "timing": {"quick": _FORMER_TIMING, "paper": _FORMER_TIMING},
-        "query_timeout_s": {"quick": 1.0, "paper": 1.0},
-        "attempts": {"quick": 3, "paper": 3},
-    },
 )
 
 

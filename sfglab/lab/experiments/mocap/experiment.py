@@ -33,7 +33,6 @@ HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 _DOMAINS = {trees.PROXY: 51, trees.DIRECT: 52, trees.RENAMED: 53}
 _LEAD_S = 6.0  # time from the order to the start of the live run
 _SLACK_S = 90.0  # time that the processes may take longer
-_BOTH = ["faulty", "ideal"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,17 +70,6 @@ exp = Experiment(
             boundary="network",
         ),
     ),
-    removed={
-        "rounds": {"smoke": ["faulty"], "quick": _BOTH, "paper": _BOTH},
-        "fault_s": {"smoke": 10.0, "quick": 60.0, "paper": 60.0},
-        "fault_recordings": {"smoke": 1, "quick": 4, "paper": 30},
-        "lengths_s": {
-            "smoke": [5.0],
-            "quick": [2.0, 5.0, 10.0, 20.0],
-            "paper": [2.0, 5.0, 10.0, 20.0, 40.0],
-        },
-        "recordings": {"smoke": 1, "quick": 8, "paper": 60},
-    },
 )
 exp.table("check")(CheckRow)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from sfglab.lab.checks import Case, CheckRow, check_row, lowest_share, shown_checks
-from sfglab.lab.checks.trees import AGENT, CAMERAS, CHECKS, DIRECT, PROXY, RENAMED, WAYS, WORLD
+from sfglab.lab.checks.trees import AGENT, CAMERAS, DIRECT, PROXY, RENAMED, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import FIGURE_6, LIVE, Config, exp
 from sfglab.lab.figures import COLORS, note, series
@@ -47,24 +47,16 @@ STATEMENTS = {
     ),
 }
 """Texts for readers of some checks, by their name in the log."""
-FORMER = "faulty"  #: Name of the live run in older logs, which have further ones.
-
-
-@derived
-def live(run: Run[Config], table: str) -> pd.DataFrame:
-    """Return the rows of a table that belong to the live run."""
-    rows = run[table]
-    return rows[rows["round"] == FORMER] if "round" in rows else rows
 
 
 @derived
 def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
     """Return the edges of the TF tree of one method (`way`) in Fig. 6 or in the live run (`where`)."""
-    table = run["edge"].replace({"where": {FORMER: LIVE}})
+    table = run["edge"]
     chosen = table[(table["where"] == where) & (table["way"] == way)]
-    known = [field.name for field in fields(Edge) if field.name in chosen]
-    rows = chosen[known].to_numpy().tolist()
-    return tuple(Edge(**dict(zip(known, row, strict=True))) for row in rows)
+    names = [field.name for field in fields(Edge)]
+    rows = chosen[names].to_numpy().tolist()
+    return tuple(Edge(**dict(zip(names, row, strict=True))) for row in rows)
 
 
 def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
@@ -75,10 +67,9 @@ def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, .
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return all checks: ``how``, exact or live, and the fields of `CheckRow`."""
-    exact = run["check"][run["check"]["check"].isin(CHECKS)]
     rows = [asdict(row) for row in _live_checks(run)] if len(run["try"]) else []
     columns = ["how", "check", "checked", "held", "example"]
-    both = [pd.DataFrame(rows).assign(how=How.LIVE.value), exact.assign(how=How.EXACT.value)]
+    both = [pd.DataFrame(rows).assign(how=How.LIVE.value), run["check"].assign(how=How.EXACT.value)]
     return pd.concat(both, ignore_index=True)[columns]
 
 
@@ -92,7 +83,7 @@ def _live_checks(run: Run[Config]) -> Iterator[CheckRow]:
     own = {way: _own_edges(tree_of(run, LIVE, way)) for way in WAYS}
     is_same = bool(own[PROXY]) and own[PROXY] == own[DIRECT]
     wrong = "; ".join(map(str, found[PROXY]))
-    looks = live(run, "look")
+    looks = run["look"]
     cases: dict[str, list[Case]] = {
         "proxy: the tree as received is whole": [(wrong, bool(own[PROXY]) and not wrong)],
         "proxy: the robot's own edges are as without": [("", is_same)],
@@ -106,7 +97,7 @@ def _live_checks(run: Run[Config]) -> Iterator[CheckRow]:
     }
     for check, tried in cases.items():
         yield check_row(f"live, {check}", tried)
-    tries = live(run, "try")
+    tries = run["try"]
     for way in (DIRECT, RENAMED):
         outcomes = tries[tries["way"] == way]
         checked = int(outcomes["count"].sum())
@@ -143,7 +134,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
     details = {"hosts": str(run.metadata("hosts")["description"])}
     for how, counts in share.groups.items():
         details[f"{how} checks"] = counts
-    looks = live(run, "look").dropna()
+    looks = run["look"].dropna()
     quantities = {
         "position error at the time asked for": (looks["error_mm"], "mm"),
         "orientation error at the time asked for": (looks["error_mrad"], "mrad"),
@@ -222,7 +213,7 @@ def _draw_tree(
 @exp.figure("mocap_error", size=(10, 5.6))
 def draw_error(figure: Figure, run: Run[Config]) -> None:
     """Draw errors of the camera's position (top) and waits for its transforms (bottom) over the live run."""
-    looks = live(run, "look")
+    looks = run["look"]
     errors, waits = figure.subplots(2, 1, sharex=True)
     kinds = {
         "error_mm": ("proxy", "at the requested time stamp (waits)"),

@@ -157,7 +157,6 @@ exp = Experiment(
         Link("robot1", "wireless channel", "sensors' values", boundary="first hop"),
         Link("wireless channel", "station", "the same", boundary="second hop"),
     ),
-    removed={"refined": {"smoke": 1, "quick": 12, "paper": 0}},
 )
 
 

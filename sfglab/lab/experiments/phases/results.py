@@ -27,7 +27,6 @@ from sfglab.lab.experiments.phases.experiment import (
     LAPS,
     PLACE,
     Config,
-    conditions,
     criterion,
     exp,
     plausible,
@@ -143,13 +142,8 @@ def _compared(table: pd.DataFrame) -> pd.DataFrame:
 
 @derived
 def phases(run: Run[Config]) -> pd.DataFrame:
-    """Return the answers in the conditions of a run's configuration.
-
-    Earlier logs have further conditions near borders between different answers.
-    """
-    table = answers(run["cell"], run["course"])
-    asked = [[getattr(one, name) for name in PLACE] for one in conditions(run.config)]
-    return table.merge(pd.DataFrame(asked, columns=PLACE), on=PLACE)
+    """Return the answers in the conditions of a run."""
+    return answers(run["cell"], run["course"])
 
 
 # --- Claims -----------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import numpy as np
 from sfglab.bus import Node
 from sfglab.lab.bench import TableRow
 from sfglab.lab.checks import CheckRow
-from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.paths import find_project
 from sfglab.messages import ns_from_stamp
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.orders import Feedback, Order
 
 POSE = "geometry_msgs/msg/PoseStamped"
-OWN_GOAL = "the scene's trajectory"  #: Reason of the goals; earlier logs have further ones.
 _ALL = "all of them"  #: Example of a fact that always held.
 _LEAD_S = 3.0  # from the start of the nodes, which discover each other meanwhile
 
@@ -57,15 +56,6 @@ exp = Experiment(
         Link("planner", "agent", "goals, cancel requests"),
         Link("agent", "planner", "feedback, results, poses"),
     ),
-    removed={
-        "live": {"smoke": False, "quick": True, "paper": True},
-        "edit_cases": {"smoke": 4, "quick": 40, "paper": 500},
-        "kills": {"smoke": 1, "quick": 4, "paper": 30},
-        # Parameters of the explorer.
-        "segment_s": dict.fromkeys(PROFILES, 1.0),
-        "speed_m_s": dict.fromkeys(PROFILES, 1.0),
-        "acceleration_m_s2": dict.fromkeys(PROFILES, 1.0),
-    },
 )
 exp.table("check")(CheckRow)
 
@@ -74,7 +64,6 @@ exp.table("check")(CheckRow)
 class PlanningGoalRow(TableRow):
     """A trajectory of the scene that was sent as a goal."""
 
-    case: str  #: Kind of the goal; earlier logs have further kinds than `OWN_GOAL`.
     agent: str  #: Name of the agent.
     outcome: str  #: Outcome of the goal.
     feedbacks: int  #: Number of feedback messages.
@@ -123,7 +112,6 @@ async def _carried_out(planner: Node, order: Order) -> PlanningGoalRow:
     execution.close()
     last = order.trajectory.waypoints[-1].pose
     return PlanningGoalRow(
-        case=OWN_GOAL,
         agent=order.agent,
         outcome=ended.outcome.value,
         feedbacks=len(feedbacks),

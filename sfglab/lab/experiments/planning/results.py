@@ -10,7 +10,7 @@ import pandas as pd
 
 from sfglab.lab.checks import check_row, fact_rows, lowest_share, shown_checks
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.planning.experiment import OWN_GOAL, Config, exp, pose_topic
+from sfglab.lab.experiments.planning.experiment import Config, exp, pose_topic
 from sfglab.lab.experiments.planning.facts import FACTS
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived, lines_of
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from sfglab.spatial.scene.tree import Scene
 
-FORMER_TABLES = ("geometry", "editing")
-"""Tables of earlier logs that hold the facts, among further checks that are tests now."""
 CARRIED_OUT = "a goal is carried out by an action server"
 STATEMENTS = {
     "aligned to the previous waypoint, x looks along the segment that arrives, without roll": (
@@ -74,11 +72,9 @@ def scene_of(run: Run[Config]) -> Scene:
     return read_scene(str(run.metadata("scene")["text"]))
 
 
-@derived
 def goals_of(run: Run[Config]) -> pd.DataFrame:
     """Return the goals that carry out the scene's trajectories, one row for each agent."""
-    goals = run["goal"]
-    return goals[goals["case"] == OWN_GOAL]
+    return run["goal"]
 
 
 @derived
@@ -98,13 +94,10 @@ def track_of(run: Run[Config], agent: str) -> pd.DataFrame:
 @derived
 def facts_of(run: Run[Config]) -> pd.DataFrame:
     """Return the facts of section 4.5, one row for each, with the columns of `CheckRow`."""
-    tried = run["check"]
-    if tried.empty:
-        tried = pd.concat([run[table] for table in FORMER_TABLES])
     goals = lines_of(goals_of(run))
     cases = [(f"{goal.agent}: {goal.outcome}", goal.outcome == _SUCCEEDED) for goal in goals]
     carried_out = pd.DataFrame([asdict(check_row(CARRIED_OUT, cases))])
-    of_cases = fact_rows(tried, dict.fromkeys(FACTS, ()))
+    of_cases = fact_rows(run["check"], FACTS)
     return pd.concat([of_cases, carried_out], ignore_index=True)
 
 

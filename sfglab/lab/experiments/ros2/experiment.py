@@ -82,7 +82,6 @@ exp = Experiment(
         "timeout_s": 300.0,
     },
     removed={
-        "slow": {"quick": False, "paper": True},
         "fleets.0.kinds": {"quick": _FORMER_KINDS},
         "fleets.1.kinds": {"quick": _FORMER_KINDS},
         "fleets.2.kinds": {"quick": ["standard ROS 2, composed"]},

@@ -69,7 +69,6 @@ exp = Experiment(
         Link("ground", "router", "messages of Table 1 only", boundary="network"),
         Link("router", "agent", "these messages, also from other routers"),
     ),
-    removed={"busy": {"quick": 20, "paper": 50}},
 )
 exp.table("policy")(CheckRow)
 

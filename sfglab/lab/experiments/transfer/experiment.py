@@ -75,26 +75,6 @@ exp = Experiment(
         Link("gateway", "software", "gateway: one copy", "socket", "software and hardware"),
         Link("publisher", "software", "SMT: one copy", "socket", "software and hardware"),
     ),
-    removed={
-        "refits": {"quick": 20, "paper": 30},
-        "rtl_check_bytes": {"quick": 100_032, "paper": 1_000_000},
-        "areas": {"quick": True, "paper": True},
-        "proved": {"quick": True, "paper": True},
-        "most_subscribers": {"quick": 16, "paper": 16},
-        "sizes": {"quick": 26, "paper": 26},
-        "small_graphs": {"quick": 12, "paper": 40},
-        "small_nodes": {"quick": 8, "paper": 8},
-        "large_graphs": {"quick": 4, "paper": 10},
-        "large_nodes": {"quick": 50, "paper": 50},
-        # The explorer of an earlier version had these parameters.
-        "subscribers": {"quick": 4, "paper": 4},
-        "message_bytes": {"quick": 1_000_000, "paper": 1_000_000},
-        "read_latency_cycles": {"quick": 30.0, "paper": 30.0},
-        "write_latency_cycles": {"quick": 8.758, "paper": 8.758},
-        "delegate_us": {"quick": 80.0, "paper": 80.0},
-        "endpoint_us": {"quick": 373.57, "paper": 373.57},
-        "cancel_us": {"quick": 310.43, "paper": 310.43},
-    },
 )
 
 

@@ -20,7 +20,7 @@ from sfglab.arp.hello import (
 from sfglab.arp.robots import DEPTHS, RATES_HZ, ROBOTS, Depth, MethodName, Rate
 from sfglab.fields import between
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.sweep import Workers
 from sfglab.rtps import Medium, run
 from sfglab.units import NS_PER_S
@@ -79,13 +79,13 @@ exp = Experiment(
         Link(STATION, "robot1", '"Hello", back', boundary="a lossy channel"),
     ),
     removed={
-        "hop": dict.fromkeys(PROFILES, False),
-        "size_factor": dict.fromkeys(PROFILES, 1.0),
-        "sizes": dict.fromkeys(PROFILES, "table"),
-        "slower": dict.fromkeys(PROFILES, 1.0),
-        "ros2_s": dict.fromkeys(PROFILES, 8.0),
-        "ros2_repeats": {"smoke": 0, "quick": 1, "paper": 5},
-        "ros2_rates_hz": {"smoke": [1000], "quick": [1000], "paper": list(RATES_HZ)},
+        "hop": {"paper": False},
+        "size_factor": {"paper": 1.0},
+        "sizes": {"paper": "table"},
+        "slower": {"paper": 1.0},
+        "ros2_s": {"paper": 8.0},
+        "ros2_repeats": {"paper": 5},
+        "ros2_rates_hz": {"paper": list(RATES_HZ)},
     },
 )
 

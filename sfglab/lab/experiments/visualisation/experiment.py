@@ -50,12 +50,6 @@ exp = Experiment(
     where="A 4.5",
     smoke={"clouds": 1, "rounds": 1, "pictures": 5},
     paper={"clouds": 60, "rounds": 10, "pictures": 150},
-    removed={
-        "moments": {"smoke": 10, "quick": 10, "paper": 10},
-        "streams": {"smoke": 2, "quick": 200, "paper": 2000},
-        "stopped_s": {"smoke": 0.4, "quick": 4.0, "paper": 8.0},
-        "observed_s": {"smoke": 0.8, "quick": 1.5, "paper": 1.5},
-    },
     actors=(
         Actor("camera", "this host", "sends an image 30 times per second"),
         Actor("bridge", "this host", "logs received images to Rerun; baseline: logs without DDS"),

@@ -30,19 +30,8 @@ JUDGED = {"median": "median", "99 %": "99th percentile"}
 """Columns of `latency_table` that are compared with the bound, and their names in texts."""
 DELAY = f"the bridge adds less than {ADDED_MS:g} ms to the median and to the 99th percentile"
 
-FACTS = {
-    PLUGIN: ("a package's visualizers through entry points",),
-    DISPLAY: (
-        "added: its topic is subscribed to, and pictures come",
-        "switched off and on again, and removed",
-    ),
-    PARAMETER: ("a parameter counts from the next picture",),
-    QOS: ("a QoS profile is requested anew",),
-    POINTS: (
-        "depth, camera info and picture of one time become the points of an independent back-projection",
-    ),
-}
-"""The facts, each with its checks in logs before 0.1.0; the delay is computed from the times of the images."""
+FACTS = (PLUGIN, DISPLAY, PARAMETER, QOS, POINTS)
+"""The facts of the live part; the delay is computed from the times of the images."""
 STATEMENTS = {
     PLUGIN: "Visualizers of another package work, and one that fails disturbs no other.",
     DISPLAY: "A visualizer is added and removed while the bridge runs.",
