@@ -265,7 +265,13 @@ def hub(
         list[str] | None,
         Option(metavar="HOST[:PORT]", help="Other hub of the fleet to join (repeatable)."),
     ] = None,
-    certificates: _Certificates = None,
+    certificates: Annotated[
+        Path | None,
+        Option(
+            help="Folder with ca.pem, NAME.pem and NAME.key. Zenoh then uses QUIC and TLS. [default: TCP "
+            "without encryption]"
+        ),
+    ] = None,
     name: Annotated[str, Option(help="Name of the hub's certificate.")] = "hub",
 ) -> None:
     """Run a hub until Ctrl-C, through which the routers of agents exchange samples over Zenoh.
