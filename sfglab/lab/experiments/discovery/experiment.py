@@ -89,19 +89,13 @@ class Config(Profiled):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fleet:
-    """A fleet and its agents' nodes."""
+class Cell:
+    """A live fleet that is started once."""
 
-    mode: str  #: Mode; see the tables.
+    mode: str  #: Method of discovery, such as ``standard``.
     agents: int  #: Number of agents.
     talkers: int = 10  #: Publishing nodes per agent.
     listeners: int = 10  #: Subscribing nodes per agent.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cell(Fleet):
-    """A live fleet that is started once; its mode is ``standard``, ``launched`` or ``routed``."""
-
     repeat: int  #: Number of the repetition.
     pace_s: float = 0.0  #: Time from one start to the next, s; 0: all at once.
 
