@@ -98,6 +98,36 @@ async def test_latched_samples_of_an_outage_arrive_and_none_twice(place, until):
     assert heard == ["before", "meanwhile", "after"]
 
 
+async def test_a_reader_that_lost_the_last_latched_samples_gets_them_after_a_heartbeat(hub, until):
+    import zenoh
+    from zenoh import ext
+
+    numbers, heartbeats = [], []
+    with zenoh.open(zenoh.Config.from_json5(hub.json("b"))) as other:
+        async with over(hub, "here") as here:
+            publisher = here.create_publisher(STRING, "/t", replace(LATCHED, depth=2))
+            await until(lambda: here.backend.session.is_open)
+            other.declare_subscriber(
+                "0/t/**/@adv/pub/**",
+                lambda sample: heartbeats.append(
+                    int.from_bytes(sample.payload.to_bytes(), "little")
+                ),
+            )
+            for number in range(4):
+                publisher.publish(text(number))
+            await asyncio.sleep(0.2)
+            # It receives no sample and does not ask for the history: heartbeats alone tell it what it lacks.
+            ext.declare_advanced_subscriber(
+                other,
+                "0/t/**",
+                lambda sample: numbers.append(sample.payload.to_bytes()[8:9]),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+            await until(lambda: numbers == [b"2", b"3"])
+            await asyncio.sleep(1)
+    assert heartbeats == [3]
+
+
 def _open_in_child(config):
     try:
         Session(config, "child")

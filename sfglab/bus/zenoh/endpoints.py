@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sfglab.bus.api import EndpointEvent, EndpointInfo, RawEndpoint
     from sfglab.bus.zenoh.participant import ZenohParticipant
 
-# Period in which a latched publisher sends its latest sequence number, s, as in rmw_publisher_data.cpp.
+# Time after which a latched publisher sends its latest sequence number, s, as in rmw_publisher_data.cpp.
 _HEARTBEAT_S = 0.5
 # Most samples of a KEEP_ALL writer: those that wait for the thread, and those that a latched one keeps.
 _UNSENT, _ALL_KEPT = 256, 4096
@@ -160,6 +160,8 @@ class ZenohWriter(ZenohEnd):
         )
         self._publisher: Any = None
         self._is_started = False
+        self._sent = 0  # number of the latest sample
+        self._is_beating = False
         super().__init__(backend, endpoint, notify)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
@@ -173,6 +175,9 @@ class ZenohWriter(ZenohEnd):
             self._send(bytes(cdr), stamp_ns)
         elif self._is_started or self._is_latched or self.peers:
             self._keep(bytes(cdr), stamp_ns)
+        if self._is_latched and not self._is_beating:
+            self._is_beating = True
+            self._backend.bridge.loop.call_later(_HEARTBEAT_S, self._beat)
 
     def write_message(self, message: Any) -> None:
         """Serialize and send a message; see `write`."""
@@ -198,8 +203,27 @@ class ZenohWriter(ZenohEnd):
             self._unsent.popleft()
 
     def _send(self, cdr: bytes, stamp_ns: int) -> None:
-        attachment = ATTACHMENT.pack(next(self._numbers), stamp_ns, GID_BYTES, self.gid)
+        self._sent = next(self._numbers)
+        attachment = ATTACHMENT.pack(self._sent, stamp_ns, GID_BYTES, self.gid)
         self._publisher.put(cdr, attachment=attachment)
+
+    def _beat(self) -> None:
+        self._is_beating = False
+        self._backend.session.order(self._send_heartbeat)
+
+    def _send_heartbeat(self, session: Any) -> None:
+        """Send the latest sequence number, from which readers know that they lack samples; 0 is the first.
+
+        A publisher with heartbeats of its own (`sporadic_heartbeat`) would hold the interpreter's lock while its
+        `undeclare` waits for a thread of Zenoh, which may wait for that lock in a callback.
+        """
+        from zenoh import CongestionControl
+
+        if self._is_open and self._sent:
+            identity = self._publisher.id
+            key = f"{self.key}/@adv/pub/{identity.zid}/{identity.eid}/_"
+            number = (self._sent - 1).to_bytes(4, "little")
+            session.put(key, number, congestion_control=CongestionControl.BLOCK)
 
     def _start(self) -> None:
         """Send the samples from before the declaration; later ones pass at once."""
@@ -224,7 +248,7 @@ class ZenohWriter(ZenohEnd):
                 cache=ext.CacheConfig(kept(self._endpoint.qos)),
                 publisher_detection=True,
                 sample_miss_detection=ext.MissDetectionConfig(
-                    heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+                    heartbeat=None, sporadic_heartbeat=None
                 ),
                 **options,
             )

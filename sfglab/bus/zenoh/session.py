@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("sfglab.bus")
 _LONGEST_PAUSE_S = 4.0
+# Longest wait for one place, before a client tries the next one: a hub that has gone does not respond over QUIC.
+_OPEN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +69,7 @@ class ZenohConfig:
             "timestamping": {"enabled": True},
             "transport": {
                 "link": {"tx": {"lease": round(self.lease_s * 1e3)}},
+                "unicast": {"open_timeout": round(_OPEN_S * 1e3)},
                 "shared_memory": {"enabled": False},
             },
         }
