@@ -1,15 +1,16 @@
 """Agents of a fleet as Zenoh sessions of one process: ``python -m sfglab.lab.workers.zenoh_agents CONFIG``.
 
 An agent has what its router has for discovery (`sfglab.fleet.router.presence`): a publisher and a subscription of the
-heartbeats, and a queryable with its description; and the token of its node. Keys and attachments are those of routers,
-payloads are zeros of 300 and 1,200 bytes. Unlike routers, agents do not query heartbeats, and each sends the first one at its time.
+heartbeats, and a queryable with its description; and the token of its node. Keys, attachments and heartbeats are
+those of routers. Descriptions are 1,200 zeros. Unlike a router, an agent sends its first heartbeat only when ordered,
+and does not query the description of each agent that it hears of.
 
 Orders:
 
 - ``open`` opens the sessions, one after the other. Report ``opened``.
 - ``beat`` lets each agent of the fleet send one heartbeat within ``period_s`` from ``begin_ns`` on (Unix time, ns),
-  evenly spread. Report ``beaten`` with the time ``t_ns`` of the last new heartbeat, and the number of ``missing`` ones: those that an agent of the process has
-  never received from another agent.
+  evenly spread. Report ``beaten`` with the time ``t_ns`` of the last new heartbeat, and the number of ``missing``
+  ones: those that an agent of the process has never received from another agent.
 - ``fetch`` lets one agent get the descriptions of all agents. Report ``fetched`` with the number of ``replies``.
 """
 
@@ -21,6 +22,7 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+from sfglab import __version__
 from sfglab.bus.zenoh.layout import (
     ATTACHMENT,
     GID_BYTES,
@@ -35,13 +37,16 @@ from sfglab.component import Orders, Reporter, run_component
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     AGENT_METADATA,
+    Heartbeat,
+    Phase,
     heartbeat_topic,
     metadata_service,
 )
+from sfglab.messages import serialize
 from sfglab.units import NS_PER_S
 
 _DOMAIN = 0
-HEARTBEAT_BYTES, DESCRIPTION_BYTES = 300, 1200
+DESCRIPTION_BYTES = 1200
 _FETCH_S = 60.0  # longest wait for descriptions
 _QUIET_S = 0.3  # time in which the last heartbeats arrive
 
@@ -62,14 +67,22 @@ class _Agent:
         import zenoh
 
         self.number = number  #: Number of the agent.
-        self.known: set[bytes] = (
-            set()
-        )  #: GIDs of the agents whose heartbeats arrived, its own included.
+        #: GIDs of the agents whose heartbeats arrived, its own included.
+        self.known: set[bytes] = set()
         self.known_ns = 0  #: Time of the last heartbeat of a new agent (Unix time), ns.
         name = f"agent_{number:04d}"
         identity = format(secrets.randbits(127) | 1 << 127, "x")
         token = token_text(_DOMAIN, identity, 0, NODE, f"/{name}/router")
         self._gid = gid_of(token)
+        message = Heartbeat(
+            agent=name,
+            incarnation=time.time_ns(),
+            revision=0,
+            phase=Phase.STARTUP,
+            period_s=1.0,
+            version=__version__,
+        )
+        self._heartbeat = serialize(message.to_message(time.time_ns()))
         heartbeats = data_key(_DOMAIN, heartbeat_topic(), wire_type(AGENT_HEARTBEAT))
         self._key = data_key(_DOMAIN, metadata_service(name), wire_type(AGENT_METADATA))
         self._every_key = self._key.replace(name, "*", 1)
@@ -85,7 +98,7 @@ class _Agent:
     def beat(self) -> None:
         """Send a heartbeat."""
         attachment = ATTACHMENT.pack(1, time.time_ns(), GID_BYTES, self._gid)
-        self._publisher.put(bytes(HEARTBEAT_BYTES), attachment=attachment)
+        self._publisher.put(self._heartbeat, attachment=attachment)
 
     def fetch(self) -> int:
         """Get the descriptions of all agents, its own included, and return the number of received ones."""

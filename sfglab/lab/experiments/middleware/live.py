@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
 SESSIONS_PER_PROCESS = 100
 STEP_S = 120.0  #: Longest time until a process reports what it was ordered to do, s.
+SETTLE_S = 0.3  #: Time in which a hub knows the subscriptions of new sessions, s.
 QUIET_S = 0.3  #: Time after a flow in which its last messages arrive, s.
 HERE, THERE = host_names(2)
 DOMAINS = {PUBLISHED: (51, 52), HUB: (53, 54), PEERS: (55, 56)}
@@ -130,7 +131,8 @@ async def measure_sessions(bench: Bench[Config], agents: int, group: ProcessGrou
     await group.ask("opened", processes, timeout_s=STEP_S, do="open")
     missing = agents
     while missing:
-        order = {"begin_ns": time.time_ns(), "period_s": agents / config.heartbeats_hz}
+        start_ns = time.time_ns() + round(SETTLE_S * NS_PER_S)
+        order = {"begin_ns": start_ns, "period_s": agents / config.heartbeats_hz}
         beaten = await group.ask("beaten", processes, timeout_s=STEP_S, do="beat", **order)
         missing = sum(report["missing"] for report in beaten.values())
     known_ns = max(report["t_ns"] for report in beaten.values())
