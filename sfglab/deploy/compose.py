@@ -6,10 +6,12 @@ own. Only the router uses the host's network, because DDS discovers other agents
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import Any
 
 from sfglab.deploy.dds_router import ROUTER_FILE
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile, one_line, text_file
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
@@ -25,7 +27,11 @@ _ACCELERATOR_DEVICES: dict[Accelerator, tuple[str, ...]] = {
 
 
 def compose_files(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return ``compose.yaml`` and its overlay for development."""
+    """Return ``compose.yaml`` and its overlay for development.
+
+    Raises:
+        DeployError: The folder of the certificates is no absolute path.
+    """
     projects = {"compose.yaml": _project(deployment), "compose.dev.yaml": _development(deployment)}
     return {name: text_file(_yaml(deployment, project)) for name, project in projects.items()}
 
@@ -91,10 +97,26 @@ def _router(deployment: Deployment) -> dict[str, Any]:
             deployment.router_interface,
         ]
         service["command"] = own
+        if deployment.fleet.zenoh and deployment.fleet.zenoh.certificates:
+            service["volumes"] = [_certificates(deployment.fleet.zenoh.certificates)]
     else:
         service["entrypoint"] = ["ddsrouter", "--config-path", f"/etc/{ROUTER_FILE}"]
         service["volumes"] = [f"./{ROUTER_FILE}:/etc/{ROUTER_FILE}:ro"]
     return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
+
+
+def _certificates(folder: str) -> dict[str, Any]:
+    """Return a mount of the host's folder of certificates at the path that the fleet file names."""
+    if not PurePosixPath(folder).is_absolute():
+        raise DeployError(
+            f"global.certificates: given {folder!r}, allowed in a deployed fleet: an absolute path on "
+            "the agents' hosts, as in /etc/sfglab/keys"
+        )
+    path = folder.replace("$", "$$")  # a single dollar sign begins a variable
+    # Without `create_host_path`, Docker refuses a missing folder in place of making an empty one.
+    options = {"create_host_path": False}
+    mount = {"type": "bind", "source": path, "target": path, "read_only": True}
+    return {**mount, "bind": options}
 
 
 def _image(deployment: Deployment) -> str:

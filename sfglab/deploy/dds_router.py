@@ -41,9 +41,15 @@ def render_dds_router(fleet: Fleet, agent: str, *, local_interface: str | None =
 
     Raises:
         InvalidValueError: The fleet has no such agent.
-        DeployError: The policy cannot be expressed: it has no rule, or rules of different directions.
+        DeployError: The agents meet over Zenoh, or the policy cannot be expressed: it has no rule, or rules of
+            different directions.
     """
     spec, policy = fleet.agent(agent), fleet.policy
+    if fleet.zenoh:
+        raise DeployError(
+            "global: given hubs or peers, with which agents meet over Zenoh; allowed with a DDS Router: "
+            "neither, because it connects agents over DDS only"
+        )
     if not policy.rules:
         raise DeployError(
             "policy.rules: nothing is given, needed: a rule, because a DDS Router with an empty allowlist "

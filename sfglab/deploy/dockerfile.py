@@ -72,7 +72,12 @@ def image_files(deployment: Deployment) -> dict[str, BundleFile]:
 
 def _locks(deployment: Deployment, base: BaseImage) -> dict[str, str]:
     release = deployment.release
-    lock = agent_lock(release.lock, python=base.python, architecture=deployment.host.architecture)
+    lock = agent_lock(
+        release.lock,
+        python=base.python,
+        architecture=deployment.host.architecture,
+        zenoh=deployment.fleet.zenoh is not None,
+    )
     _, development = split_lock(release.lock, _TOOLS)
     locks = {"image/requirements.lock": lock, "image/development.lock": development}
     if _from_source(deployment):

@@ -19,7 +19,7 @@ from sfglab.fleet.fleet_file import Architecture
 from sfglab.record.metadata import git
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from packaging.requirements import Requirement
 
@@ -46,18 +46,24 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
 )
 """Packages that a robot imports at run time: none that only plan or display, such as cvxpy, pandas and Qt."""
 
+#: Further packages of a robot whose fleet meets over Zenoh; those of the extra ``zenoh`` of ``sfglab-robot``.
+ZENOH_ROOTS = ("eclipse-zenoh", "xxhash")
+
 #: Name of a processor in Linux, by architecture.
 MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
 
 
 @lru_cache(maxsize=16)  # a fleet has few kinds of machine, and what is installed stays
-def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> str:
+def agent_lock(
+    lock_text: str, *, python: str, architecture: Architecture, zenoh: bool = False
+) -> str:
     """Return the part of a lock file that an agent's image installs, digests included, sorted by name.
 
     Args:
         lock_text: Lock file in the form of ``uv pip compile``.
         python: Version of Python, such as ``3.11``.
         architecture: Processor of the target host.
+        zenoh: Whether the agents meet over Zenoh.
 
     Raises:
         DeployError: A package of an agent has no pinned version for that Python and processor, or it is
@@ -71,7 +77,7 @@ def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> st
             end = " \\\n" if digests else "\n"
             head = f"{requirement.name}{requirement.specifier}{end}"
             pinned[_name(requirement)] = "".join((head, *digests))
-    needed = _closure(environment)
+    needed = _closure((*AGENT_ROOTS, *ZENOH_ROOTS) if zenoh else AGENT_ROOTS, environment)
     missing = sorted(needed - pinned.keys())
     if missing:
         raise DeployError(
@@ -122,14 +128,14 @@ def _applies(requirement: Requirement, environment: dict[str, str]) -> bool:
     return requirement.marker is None or requirement.marker.evaluate(environment)
 
 
-def _closure(environment: dict[str, str]) -> set[str]:
+def _closure(roots: Sequence[str], environment: dict[str, str]) -> set[str]:
     """Return the names of the root packages and of all packages that they need on the target host."""
     from importlib.metadata import PackageNotFoundError, requires
 
     from packaging.requirements import Requirement
 
     needed: set[str] = set()
-    waiting = list(AGENT_ROOTS)
+    waiting = list(roots)
     while waiting:
         name = waiting.pop()
         if name in needed:
@@ -138,7 +144,7 @@ def _closure(environment: dict[str, str]) -> set[str]:
         try:
             requirements = map(Requirement, requires(name) or ())
         except PackageNotFoundError as error:
-            if name in AGENT_ROOTS:
+            if name in roots:
                 raise DeployError(
                     f"{name}: this package is not installed; install sfglab with its dependencies"
                 ) from error

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from sfglab.bus.zenoh.address import ZenohAddress
 from sfglab.deploy.deployment import Release, deployment_of
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
@@ -40,6 +41,12 @@ def fleet_with(name="go2", *, host=None, agent=None, **common):
 def deployed(name="go2", **changes):
     """Return an agent's deployment in such a fleet."""
     return deployment_of(fleet_with(name, **changes), name, RELEASE)
+
+
+def over_zenoh(deployment, **address):
+    """Return a deployment in a fleet that meets at a hub over Zenoh."""
+    zenoh = ZenohAddress(hubs=("10.0.0.1",), **address)
+    return replace(deployment, fleet=replace(deployment.fleet, zenoh=zenoh))
 
 
 GO2 = deployed()

@@ -4,9 +4,10 @@ import re
 
 import pytest
 import yaml
-from esslingen import deployed
+from esslingen import GO2, deployed, over_zenoh
 
 from sfglab.deploy.compose import compose_files
+from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RouterSoftware
 
 
@@ -58,3 +59,16 @@ def test_a_container_gets_its_accelerator_and_the_devices_of_the_fleet_file(acce
     agent = project["services"]["agent"]
     assert agent["devices"] == [f"{node}:{node}" for node in (*nodes, "/dev/bus/usb")]
     assert not {"runtime", "deploy"} & set(agent)
+
+
+def test_only_the_router_reads_the_hosts_certificates_and_a_relative_folder_is_refused():
+    project, _ = projects(over_zenoh(GO2, certificates="/etc/a: $b"))
+    (mount,) = project["services"]["router"]["volumes"]
+    assert mount["source"] == mount["target"] == "/etc/a: $$b"
+    assert (mount["type"], mount["read_only"]) == ("bind", True)
+    assert mount["bind"] == {"create_host_path": False}
+    assert "volumes" not in project["services"]["agent"]
+    plain, _ = projects(over_zenoh(GO2))
+    assert "volumes" not in plain["services"]["router"]
+    with pytest.raises(DeployError, match=r"global\.certificates: given 'keys', .* absolute path"):
+        compose_files(over_zenoh(GO2, certificates="keys"))

@@ -4,7 +4,7 @@ from fnmatch import fnmatchcase
 
 import pytest
 import yaml
-from esslingen import fleet_of, rule
+from esslingen import GO2, fleet_of, over_zenoh, rule
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,6 +40,11 @@ def test_the_allowlist_names_exactly_what_the_policy_lets_cross(chosen, name):
 def test_an_empty_policy_is_refused_because_an_empty_allowlist_opens_the_router():
     with pytest.raises(DeployError, match="forwards all topics"):
         render_dds_router(fleet_of(), "go2")
+
+
+def test_a_fleet_over_zenoh_is_refused():
+    with pytest.raises(DeployError, match="it connects agents over DDS only"):
+        render_dds_router(over_zenoh(GO2).fleet, "go2")
 
 
 def test_rules_of_one_direction_become_routes_and_mixed_ones_are_refused():

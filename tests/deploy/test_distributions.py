@@ -11,7 +11,7 @@ from importlib.metadata import distribution
 import pytest
 from packaging.requirements import Requirement
 
-from sfglab.deploy.release import AGENT_ROOTS, SOURCE, agent_lock, build_wheel
+from sfglab.deploy.release import AGENT_ROOTS, SOURCE, ZENOH_ROOTS, agent_lock, build_wheel
 from sfglab.fleet.fleet_file import Architecture
 
 ROBOT = tomllib.loads((SOURCE / "install/robot/pyproject.toml").read_text())["project"]
@@ -61,6 +61,8 @@ def test_what_a_robot_runs_is_imported_from_its_wheel_without_what_it_lacks(robo
 def test_a_robot_gets_what_an_agents_image_gets_and_what_we_say():
     of = {Requirement(text).name: text for text in OURS["dependencies"]}
     depth = ROBOT["optional-dependencies"]["depth"]
+    zenoh = ROBOT["optional-dependencies"]["zenoh"]
+    assert {Requirement(text).name for text in zenoh} == set(ZENOH_ROOTS)
     assert sorted([*ROBOT["dependencies"], *depth]) == sorted(of[name] for name in AGENT_ROOTS)
     assert {Requirement(text).name for text in depth} == {"numba", "opencv-python-headless"}
     assert (ROBOT["requires-python"], ROBOT["scripts"]) == (

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import pairwise, product
 
 import pytest
-from esslingen import GO2, RELEASE, deployed, program
+from esslingen import GO2, RELEASE, deployed, over_zenoh, program
 
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.dockerfile import _quoted, image_files
@@ -111,6 +111,13 @@ def test_a_new_wheel_changes_only_what_comes_after_all_else():
     *_, before, installation = (line for line in old[:first] if line.startswith(("RUN ", "COPY ")))
     assert before.endswith("/etc/sfglab/fleet.yaml")
     assert installation.startswith("RUN ")
+
+
+def test_only_the_images_of_a_fleet_over_zenoh_contain_zenoh():
+    for made in possible():
+        for wanted, fleet in ((False, made), (True, over_zenoh(made))):
+            lock = image_files(fleet)["image/requirements.lock"].text
+            assert ("eclipse-zenoh==" in lock) is ("xxhash==" in lock) is wanted
 
 
 def test_any_text_can_be_a_label():

@@ -14,7 +14,14 @@ from waiting import lives, wait_until
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.programs import run_streamed
-from sfglab.deploy.release import AGENT_ROOTS, agent_lock, build_wheel, make_release, split_lock
+from sfglab.deploy.release import (
+    AGENT_ROOTS,
+    ZENOH_ROOTS,
+    agent_lock,
+    build_wheel,
+    make_release,
+    split_lock,
+)
 from sfglab.fleet.fleet_file import Architecture
 
 MEMBERS = (
@@ -138,7 +145,8 @@ USE_ALL = """
         print(error)
     for package in (sfglab.bus, sfglab.codecs, sfglab.fleet, sfglab.messages, sfglab.record):
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-            if module.name != "sfglab.bus.ros.program":  # runs in ROS 2's interpreter only
+            # The first runs in ROS 2's interpreter only, the second for a person who manages a fleet.
+            if module.name not in ("sfglab.bus.ros.program", "sfglab.fleet.certificates"):
                 importlib.import_module(module.name)
     for name in ("av", "cv2", "cyclonedds", "jinja2", "mcap", "numba", "numpy", "packaging", "psutil",
                  "yaml", "rosbags", "scipy", "tqdm", "typer", "uvloop", "zstandard"):
@@ -164,10 +172,12 @@ def test_the_components_of_an_agent_and_its_command_need_nothing_but_what_a_robo
 def test_everything_is_pinned_once_for_the_target_with_digests_and_without_markers(
     python, architecture
 ):
-    lock = agent_lock(LOCK, python=python, architecture=architecture)
+    plain = names(agent_lock(LOCK, python=python, architecture=architecture))
+    lock = agent_lock(LOCK, python=python, architecture=architecture, zenoh=True)
     pinned = names(lock)
     assert pinned == sorted(set(pinned))
-    assert set(AGENT_ROOTS) <= set(pinned)
+    assert set(AGENT_ROOTS) <= set(plain)
+    assert set(pinned) - set(plain) == set(ZENOH_ROOTS)
     assert not HEAVY & set(pinned)
     for entry in lock.replace("\\\n", " ").splitlines():
         head, *digests = entry.split(" --hash=")
