@@ -202,6 +202,18 @@ def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tm
     assert "did you misspell it as 'agnets'?" in text
 
 
+def test_discovery_is_estimated_over_dds_alone():
+    two = "\n".join(["fleet: f", "agents:", agents("", "")])
+    over_dds, over_zenoh = (
+        lint(read_fleet(f"{two}\nglobal: {given}")) for given in ("{}", "{hubs: [10.0.0.1]}")
+    )
+    title = "discovery between hosts"
+    assert title in render(over_dds)
+    assert over_zenoh.discovery is None
+    assert title not in render(over_zenoh)
+    assert over_zenoh.hearings == over_dds.hearings
+
+
 def fleet_of(count, inner="", processes=20):
     return report_of(agents(*count * [f"processes: {processes}, lifecycle: false, {inner}"]))
 

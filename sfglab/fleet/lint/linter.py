@@ -57,7 +57,8 @@ def lint(fleet: Fleet) -> Report:
         fleet=fleet.name,
         findings=tuple(findings),
         hearings=view.hearings(),
-        discovery=discovery(view),
+        agents=tuple(agent.name for agent in fleet.agents),
+        discovery=None if fleet.zenoh else discovery(view),
     )
 
 

@@ -87,7 +87,9 @@ class Report:
     fleet: str  #: Name of the fleet.
     findings: tuple[Finding, ...]  #: Findings, the worst first, then in the order of the file.
     hearings: tuple[Hearing, ...]  #: Senders and receivers by name.
-    discovery: Discovery  #: Traffic of discovery.
+    agents: tuple[str, ...]  #: Names of all agents.
+    #: Traffic of discovery over DDS; None if the agents meet over Zenoh.
+    discovery: Discovery | None
 
     def count(self, severity: Severity) -> int:
         """Return the number of findings of a severity."""
@@ -100,16 +102,18 @@ class Report:
 
 
 def render(report: Report) -> str:
-    """Return a report as text: findings, receivers by name, and traffic of discovery."""
+    """Return a report as text: findings, receivers by name, and over DDS traffic of discovery."""
     errors, warnings, infos = map(report.count, Severity)
     counts = f"{errors} error{_plural(errors)}, {warnings} warning{_plural(warnings)}, {infos} info"
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
         "senders and receivers\n" + text_table(_hearings(report)),
-        "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
-        f"{report.fleet}: {counts}",
     ]
+    if report.discovery:
+        table = text_table(_discovery(report.discovery))
+        blocks.append(f"discovery between hosts, estimated\n{table}")
+    blocks.append(f"{report.fleet}: {counts}")
     return "\n\n".join(blocks) + "\n"
 
 
@@ -132,7 +136,7 @@ def _finding(finding: Finding) -> str:
 
 
 def _hearings(report: Report) -> Iterator[tuple[str, ...]]:
-    agents = set(report.discovery.local)
+    agents = set(report.agents)
     yield "name", "kind", "from", "to", "by rule"
     for row in report.hearings:
         hearers = _listed(row.hearers, agents)
