@@ -463,6 +463,9 @@ def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
 
 def _zenoh(document: Document, border: _GlobalDomain) -> ZenohAddress | None:
     if not (border.hubs or border.peers):
+        if border.certificates:
+            allowed = "certificates together with hubs or peers, because DDS does not use them"
+            raise document.refusal(("global", "certificates"), border.certificates, allowed)
         return None
     try:
         return ZenohAddress(

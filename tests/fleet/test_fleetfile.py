@@ -72,6 +72,9 @@ def test_agents_meet_over_zenoh_if_the_file_says_so():
     words = "fleet.yaml:12: global: given 'udp', allowed: tcp without certificates; udp loses"
     with pytest.raises(DocumentError, match=words):
         fleet_file.read_fleet(f"{SMALL}global: {{peers: [udp/a]}}\n")
+    words = "fleet.yaml:12: global.certificates: given 'keys', .* with hubs or peers, because DDS"
+    with pytest.raises(DocumentError, match=words):
+        fleet_file.read_fleet(f"{SMALL}global: {{certificates: keys}}\n")
 
 
 @pytest.mark.parametrize(
