@@ -212,10 +212,10 @@ class ZenohWriter(ZenohEnd):
         self._backend.session.order(self._send_heartbeat)
 
     def _send_heartbeat(self, session: Any) -> None:
-        """Send the latest sequence number, from which readers know that they lack samples; 0 is the first.
+        """Send the latest sequence number, counted from 0, so that readers notice missing samples.
 
-        A publisher with heartbeats of its own (`sporadic_heartbeat`) would hold the interpreter's lock while its
-        `undeclare` waits for a thread of Zenoh, which may wait for that lock in a callback.
+        With heartbeats of its own (`sporadic_heartbeat`), the publisher's `undeclare` would wait for a thread of Zenoh
+        and hold the interpreter's lock. That thread may wait for this lock in a callback.
         """
         from zenoh import CongestionControl
 
