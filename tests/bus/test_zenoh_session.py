@@ -61,6 +61,23 @@ async def test_a_node_starts_without_a_router_says_so_and_goes_on_when_there_is_
             assert await publisher.wait_for_all_acked()
 
 
+async def test_a_publisher_that_is_closed_at_once_sends_the_sample_that_waits(place, caplog, until):
+    with router(place):
+        async with over(place, "here") as here, over(place, "there") as there:
+            got = []
+            there.create_subscription(
+                STRING, "/t", lambda message: got.append(message.data), LATCHED
+            )
+            here.create_publisher(STRING, "/t", LATCHED).publish(text("first"))
+            await until(lambda: got == ["first"])
+            publisher = here.create_publisher(STRING, "/t", LATCHED)
+            publisher.publish(text("last"))
+            publisher.close()
+            time.sleep(0.5)  # noqa: ASYNC251 - the thread declares and undeclares before the loop runs
+            await until(lambda: got == ["first", "last"])
+    assert not [record for record in caplog.records if record.exc_info]
+
+
 async def test_peers_need_no_router(place):
     first = replace(place, mode="peer", connect=(), listen=place.connect)
     second = replace(place, mode="peer")

@@ -160,6 +160,7 @@ class ZenohWriter(ZenohEnd):
         )
         self._publisher: Any = None
         self._is_started = False
+        self._is_closing = False
         self._sent = 0  # number of the latest sample
         self._is_beating = False
         super().__init__(backend, endpoint, notify)
@@ -186,6 +187,16 @@ class ZenohWriter(ZenohEnd):
     def acknowledged(self) -> bool:
         """Return whether Zenoh has all samples; it does not report their arrival."""
         return not self._unsent
+
+    def close(self) -> None:
+        """Undeclare the publisher, after the samples that wait."""
+        self._is_closing = True
+        super().close()
+
+    def _undeclare(self, session: Any) -> None:
+        while self._unsent:  # closed before the loop knew of the declaration
+            self._send_next()
+        super()._undeclare(session)
 
     def _keep(self, *sample: Any) -> None:
         """Keep a sample until the publisher is declared, or with KEEP_ALL until the thread has sent it."""
@@ -227,6 +238,8 @@ class ZenohWriter(ZenohEnd):
 
     def _start(self) -> None:
         """Send the samples from before the declaration; later ones pass at once."""
+        if self._is_closing:
+            return
         while self._unsent and not self.may_block:
             self._send_next()
         self._is_started = True
