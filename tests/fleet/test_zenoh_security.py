@@ -23,7 +23,7 @@ from waiting import until
 
 from sfglab.bus import Node
 from sfglab.bus.zenoh.backend import ZenohBackend
-from sfglab.bus.zenoh.security import ACCESS, AUTHORITY
+from sfglab.bus.zenoh.security import ACCESS, AUTHORITY, certificate_fault
 from sfglab.bus.zenoh.session import ZenohConfig
 from sfglab.component import beside
 from sfglab.errors import InvalidValueError
@@ -297,6 +297,59 @@ async def test_hubs_forward_to_each_other(keys, place, hub):
 
         await until(lambda: got, send)
     assert got == {("PUT", "0/global/one/t/T/H")}
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[1]", '{"mode": "peer"}', '{"access_control": {}, "connect": {"endpoints": []}}']
+)
+def test_a_hub_refuses_to_run_without_its_access_control(keys, tmp_path, text):
+    folder = shutil.copytree(keys / "fleet", tmp_path / "fleet")
+    (folder / ACCESS).write_text(text)
+    words = rf"access-control.json5: given {re.escape(repr(text)[:30])}"
+    with pytest.raises(InvalidValueError, match=words):
+        hub_at(tmp_path, f"tls/{HOST}").json("a")
+
+
+FAULTS = {
+    "": (None, None),
+    "certificate has expired": ("one.pem", "expired"),
+    "KEY_VALUES_MISMATCH": ("one.key", "key of another"),
+    "unable to get local issuer certificate": ("ca.pem", "other authority"),
+    "NO_CERTIFICATE_OR_CRL_FOUND": ("ca.pem", "damaged"),
+    "PEM lib": ("one.pem", "damaged"),
+    "No such file or directory": ("one.key", "missing"),
+}
+
+
+@pytest.mark.parametrize("words", FAULTS)
+def test_a_certificate_that_others_refuse_has_a_reason(keys, tmp_path, monkeypatch, words):
+    folder = shutil.copytree(keys / "fleet", tmp_path / "fleet")
+    match FAULTS[words]:
+        case _, "expired":
+            monkeypatch.setattr("sfglab.fleet.certificates.DAYS", 0)
+            write_certificates(read_fleet(TWO), tmp_path / "new", [[HOST]])
+            folder = tmp_path / "new"
+        case name, "key of another":
+            shutil.copy(folder / "two.key", folder / name)
+        case name, "other authority":
+            shutil.copy(keys / "strangers" / name, folder / name)
+        case name, "damaged":
+            (folder / name).write_text("x")
+        case name, "missing":
+            (folder / name).unlink()
+    fault = certificate_fault(folder / "one.pem")
+    assert words in fault
+    assert bool(words) is bool(fault)
+
+
+async def test_a_node_reports_a_certificate_that_others_refuse(keys, tmp_path, place, caplog):
+    folder = shutil.copytree(keys / "fleet", tmp_path / "fleet")
+    shutil.copy(folder / "two.key", folder / "one.key")
+    config = ZenohConfig(connect=(place,), certificate=str(folder / "one.pem"))
+    async with Node("a", join=partial(ZenohBackend, config)):
+        await until(lambda: caplog.records)
+    said = caplog.records[0].getMessage()
+    assert said.startswith(f"{folder}/one.pem: others refuse this certificate: ")
 
 
 async def test_peers_have_the_same_access_control(keys, place):

@@ -6,8 +6,20 @@ connections, and knows a sender by the common name of its certificate (`sfglab.f
 
 from __future__ import annotations
 
+import contextlib
+import json
+from ssl import (
+    CERT_REQUIRED,
+    PROTOCOL_TLS_CLIENT,
+    PROTOCOL_TLS_SERVER,
+    MemoryBIO,
+    SSLCertVerificationError,
+    SSLContext,
+    SSLWantReadError,
+)
 from typing import TYPE_CHECKING, Any
 
+from sfglab.errors import InvalidValueError
 from sfglab.files import read_text
 
 if TYPE_CHECKING:
@@ -15,6 +27,50 @@ if TYPE_CHECKING:
 
 #: Files beside certificates: the authority's certificate, and the access control.
 AUTHORITY, ACCESS = "ca.pem", "access-control.json5"
+
+
+def access_settings(certificate: Path) -> Any:
+    """Return Zenoh's `access_control` settings from the file beside a certificate.
+
+    Raises:
+        InvalidValueError: The file cannot be read, or contains no access control.
+    """
+    path = certificate.with_name(ACCESS)
+    text = read_text(path, "a file of sfglab fleet certificates")
+    try:
+        settings = json.loads(text)["access_control"]
+        is_enabled = settings["enabled"] is True
+    except (ValueError, LookupError, TypeError):
+        is_enabled = False
+    if not is_enabled:
+        raise InvalidValueError(path, text[:40], "the access control of sfglab fleet certificates")
+    return settings
+
+
+def certificate_fault(certificate: Path) -> str:
+    """Return the reason why others refuse a certificate, or why it cannot be used; empty for none.
+
+    A connection within the process uses it on both sides. It fails if a file is damaged, if the key or the authority
+    is that of another certificate, or if the certificate has expired. Zenoh itself reports none of these reasons.
+    """
+    try:
+        sides = [SSLContext(PROTOCOL_TLS_SERVER), SSLContext(PROTOCOL_TLS_CLIENT)]
+        for side in sides:
+            side.check_hostname = False
+            side.verify_mode = CERT_REQUIRED
+            side.load_cert_chain(certificate, certificate.with_suffix(".key"))
+            side.load_verify_locations(certificate.with_name(AUTHORITY))
+        ways = MemoryBIO(), MemoryBIO()
+        server = sides[0].wrap_bio(*ways, server_side=True)
+        client = sides[1].wrap_bio(*ways[::-1])
+        for end in (client, server, client, server):
+            with contextlib.suppress(SSLWantReadError):
+                end.do_handshake()
+    except SSLCertVerificationError as error:
+        return error.verify_message
+    except OSError as error:  # includes `SSLError`
+        return str(error)
+    return ""
 
 
 def tls_settings(certificate: Path, *, verify_name: bool = True) -> dict[str, Any]:
