@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from sfglab.bus.zenoh.address import certificate, endpoint
+from sfglab.bus.zenoh.address import certificate, endpoint, remote_endpoints
 from sfglab.bus.zenoh.session import Session, ZenohConfig
 from sfglab.component import run_component
 
@@ -38,7 +38,7 @@ def hub_config(
     links = ("quic/", "tls/") if secure and "/" not in listen else ("",)
     return ZenohConfig(
         mode="router",
-        connect=tuple(endpoint(place, secure=secure) for place in hubs),
+        connect=remote_endpoints(hubs, secure=secure),
         listen=tuple(endpoint(link + listen, secure=secure) for link in links),
         certificate=certificate(certificates, name),
     )

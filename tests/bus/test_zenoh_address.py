@@ -41,6 +41,7 @@ def test_a_place_becomes_an_endpoint_of_tcp_or_with_certificates_of_quic(place, 
         ("quic/hub", False, "given 'quic', allowed: tcp without certificates"),
         ("tcp/hub", True, "given 'tcp', allowed: quic and tls with certificates"),
         ("hub:70000", False, "place: given 'hub:70000', allowed: HOST, HOST:PORT or :PORT"),
+        ("hub:0", False, "place: given 'hub:0', allowed: HOST, HOST:PORT or :PORT"),
         ("a b", False, "given 'a b', allowed: HOST"),
         ("hub#iface=x", False, "given 'hub#iface=x', allowed: HOST"),
     ],
@@ -55,6 +56,9 @@ def test_links_that_lose_samples_or_hide_nothing_are_refused(place, secure, word
     [
         ({"hubs": ("a", "b", "c")}, "hubs and peers: given 'a, b, c', allowed: one or two hubs"),
         ({"hubs": ("a",), "peers": (":1",)}, "given 'a, :1', allowed: one or two hubs, or peers"),
+        ({"hubs": ("",)}, "Zenoh, place to connect to: given '', allowed: HOST or HOST:PORT"),
+        ({"hubs": (":7448",)}, "place to connect to: given ':7448', allowed: HOST or HOST:PORT"),
+        ({"peers": ("",)}, "place to connect to: given '', allowed: HOST or HOST:PORT"),
         ({"hubs": ("udp/a",)}, "udp loses samples"),
         ({"hubs": ("a",), "domain_id": 233}, "233"),
     ],
@@ -73,6 +77,11 @@ def test_agents_are_clients_of_hubs_or_peers_that_listen_and_hubs_are_routers():
     assert peers == ZenohConfig(mode="peer", connect=("tcp/a:7447",), listen=("tcp/[::]:1",))
     hub = hub_config(":9", ["a"])
     assert hub == ZenohConfig(mode="router", connect=("tcp/a:7447",), listen=("tcp/[::]:9",))
+
+
+def test_a_hub_joins_only_hubs_with_a_host():
+    with pytest.raises(InvalidValueError, match="place to connect to: given ':7448'"):
+        hub_config(hubs=[":7448"])
 
 
 def test_an_address_travels_to_a_process():

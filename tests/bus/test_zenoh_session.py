@@ -78,6 +78,16 @@ async def test_a_publisher_that_is_closed_at_once_sends_the_sample_that_waits(pl
     assert not [record for record in caplog.records if record.exc_info]
 
 
+async def test_a_port_in_use_is_reported_as_such(place, caplog, until):
+    with router(place):
+        listening = replace(place, mode="peer", connect=(), listen=place.connect)
+        async with over(listening, "here"):
+            await until(lambda: caplog.records)
+    said = caplog.records[0].getMessage()
+    assert said.startswith(f"Zenoh at {place.connect[0]} cannot be opened; next attempt in 1 s: ")
+    assert "Address already in use" in said
+
+
 async def test_peers_need_no_router(place):
     first = replace(place, mode="peer", connect=(), listen=place.connect)
     second = replace(place, mode="peer")

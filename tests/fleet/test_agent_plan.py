@@ -153,6 +153,19 @@ def test_agents_meet_over_dds_or_zenoh_as_options_or_the_file_say(fleet, options
     assert startup_s == (0 if over_zenoh else 10)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"hubs": ("a", "b")}, "hubs with --global dds: given 'a, b', allowed: none"),
+        ({"peers": (":1",)}, "peers with --global dds: given ':1', allowed: none"),
+        ({"certificates": "/c"}, "certificates with --global dds: given '/c', allowed: none"),
+    ],
+)
+def test_options_of_zenoh_are_refused_over_dds(options, words):
+    with pytest.raises(InvalidValueError, match=words):
+        plans.config_of("go2", ZENOH, local=(7, "lo"), middleware="dds", **options)
+
+
 def test_an_agents_own_domain_may_have_the_number_of_zenohs():
     plans.config_of("go2", None, local=(7, "lo"), remote=(7, None), middleware="zenoh", hubs=("a",))
 

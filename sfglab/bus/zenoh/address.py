@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from sfglab.bus.zenoh.session import ZenohConfig
 
 PORT = 7447  #: Port of a hub or peer if none is given, as in Zenoh.
@@ -57,12 +59,12 @@ class ZenohAddress:
 
         secure = bool(self.certificates)
         own = [place for place in self.peers if place.startswith(":")]
-        others = [place for place in self.hubs + self.peers if place not in own]
+        others = self.hubs + tuple(place for place in self.peers if place not in own)
         listen = () if self.hubs else own or [""]
         return ZenohConfig(
             domain_id=self.domain_id,
             mode="client" if self.hubs else "peer",
-            connect=tuple(endpoint(place, secure=secure) for place in others),
+            connect=remote_endpoints(others, secure=secure),
             listen=tuple(endpoint(place, secure=secure) for place in listen),
             certificate=certificate(self.certificates, self.name),
         )
@@ -84,7 +86,7 @@ def endpoint(place: str, *, secure: bool) -> str:
     """
     links = ("quic", "tls") if secure else ("tcp",)
     found = _PLACE.fullmatch(place)
-    if found is None or int(found["port"] or PORT) > 0xFFFF:
+    if found is None or not 0 < int(found["port"] or PORT) <= 0xFFFF:
         raise InvalidValueError("Zenoh, place", place, "HOST, HOST:PORT or :PORT")
     link = found["link"] or links[0]
     if link not in links:
@@ -92,6 +94,20 @@ def endpoint(place: str, *, secure: bool) -> str:
         allowed += "; udp loses samples" * (link == "udp")
         raise InvalidValueError(f"Zenoh, link of {place!r}", link, allowed)
     return f"{link}/{found['host'] or _ALL_INTERFACES}:{found['port'] or PORT}"
+
+
+def remote_endpoints(places: Iterable[str], *, secure: bool) -> tuple[str, ...]:
+    """Return the endpoints of hubs or peers to connect to.
+
+    Raises:
+        InvalidValueError: A text is no place or has no host, or the link is not allowed.
+    """
+    endpoints = []
+    for place in places:
+        endpoints.append(endpoint(place, secure=secure))
+        if f"/{_ALL_INTERFACES}:" in endpoints[-1]:
+            raise InvalidValueError("Zenoh, place to connect to", place, "HOST or HOST:PORT")
+    return tuple(endpoints)
 
 
 def host(place: str) -> str:

@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.bus.errors import BusError, DomainError
 from sfglab.bus.loop import JOIN_S, call_logged, nothing
-from sfglab.bus.zenoh.security import ACCESS, tls_settings
+from sfglab.bus.zenoh.security import access_settings, certificate_fault, tls_settings
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import MissingExtraError
-from sfglab.files import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,7 +76,7 @@ class ZenohConfig:
             path = Path(self.certificate)
             settings["transport"]["link"] |= tls_settings(path, verify_name=self.mode != "peer")
             if self.mode != "client":
-                settings |= json.loads(read_text(path.with_name(ACCESS)))
+                settings["access_control"] = access_settings(path)
         return json.dumps(settings)
 
 
@@ -101,7 +100,9 @@ class Session:
         #: Id, hexadecimal digits; the first is not 0, because Zenoh leaves out zeros there.
         self.id = format(secrets.randbits(127) | 1 << 127, "x")
         self.is_open = False  #: Whether the session was opened.
-        self._place = ", ".join(config.listen or config.connect)
+        self._certificate = config.certificate
+        state = "cannot be opened" if config.listen else "does not respond"
+        self._state = f"Zenoh at {', '.join(config.listen or config.connect)} {state}"
         self._settings = _checked(config.json(self.id))
         self._zenoh: Any = None
         self._closing = threading.Event()
@@ -129,15 +130,16 @@ class Session:
     def _open(self) -> None:
         import zenoh
 
+        if self._certificate and (fault := certificate_fault(Path(self._certificate))):
+            _log.warning("%s: others refuse this certificate: %s", self._certificate, fault)
         pause_s = 1.0
         while not self.is_open and not self._closing.is_set():
             try:
                 self._zenoh = zenoh.open(self._settings)
                 self.is_open = True
             except zenoh.ZError as error:
-                said = "Zenoh at %s does not respond; next attempt in %.0f s: %s"
                 reason = str(error).partition(" at /")[0]
-                _log.warning(said, self._place, pause_s, reason)
+                _log.warning("%s; next attempt in %.0f s: %s", self._state, pause_s, reason)
                 self._closing.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 

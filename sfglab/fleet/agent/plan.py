@@ -159,7 +159,7 @@ def config_of(
 
     Raises:
         InvalidValueError: Its own domain is given neither by an option nor by a file, the fleet has no such agent,
-            or there is no hub or peer for Zenoh.
+            or hubs, peers or certificates are given for DDS.
     """
     over = partial(_global_side, agent, middleware=middleware, **zenoh)
     if fleet is None:
@@ -206,6 +206,10 @@ def _global_side(
 ) -> ZenohAddress | BusAddress:
     """Return the address of an agent's router among the others: that over DDS, or one over Zenoh in its domain."""
     given = {name: value for name, value in zenoh.items() if value}
+    if middleware == "dds" and given:
+        words = f"agent {agent}, {' and '.join(given)} with --global dds"
+        texts = [value if isinstance(value, str) else ", ".join(value) for value in given.values()]
+        raise InvalidValueError(words, "; ".join(texts), "none, because only Zenoh uses them")
     if middleware == "dds" or not (middleware or described or given):
         return dds
     given |= {"domain_id": dds.domain_id, "name": agent}
