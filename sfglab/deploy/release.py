@@ -145,8 +145,9 @@ def _closure(roots: Sequence[str], environment: dict[str, str]) -> set[str]:
             requirements = map(Requirement, requires(name) or ())
         except PackageNotFoundError as error:
             if name in roots:
+                part = "the extra zenoh" if name in ZENOH_ROOTS else "its dependencies"
                 raise DeployError(
-                    f"{name}: this package is not installed; install sfglab with its dependencies"
+                    f"{name}: this package is not installed; install sfglab with {part}"
                 ) from error
             # Packages that only other targets need are not installed; their requirements are unknown.
             continue

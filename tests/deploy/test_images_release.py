@@ -200,3 +200,9 @@ def test_what_an_agent_imports_is_installed_where_its_lock_is_made(monkeypatch):
     monkeypatch.setattr("sfglab.deploy.release.AGENT_ROOTS", ("no-such-package",))
     with pytest.raises(DeployError, match="no-such-package: this package is not installed"):
         agent_lock(f"{LOCK}\n", python="3.11", architecture=Architecture.ARM64)
+    monkeypatch.undo()
+    monkeypatch.setattr("sfglab.deploy.release.ZENOH_ROOTS", ("no-such-zenoh",))
+    with pytest.raises(
+        DeployError, match=r"no-such-zenoh: .*; install sfglab with the extra zenoh"
+    ):
+        agent_lock(f"{LOCK}\n", python="3.11", architecture=Architecture.ARM64, zenoh=True)
