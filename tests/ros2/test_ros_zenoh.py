@@ -9,18 +9,20 @@ import pytest
 from beside import ANSWER_S, EMPTY, LATCHED, agents, asked, listen, publish, until
 
 from sfglab.bus.zenoh.address import ZenohAddress
+from sfglab.messages import default_message, deserialize, serialize
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns, pytest.mark.zenoh]
 
 AGENTS = {"one": 33, "two": 34}
 DOMAINS = {"hub": 0, **AGENTS}  # hosts
 CALLS, MESSAGES, DEEP = 500, 200, {"depth": 1000}
+TF, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 
 
 @pytest.fixture
-def ros_node(peer):
-    program = Path(__file__).with_name("service_peer.py")
-    return lambda name, host=None, **values: peer(name, host, program=program, **values)
+def ros_node(peer, own_types):
+    options = {"program": Path(__file__).with_name("service_peer.py"), "PYTHONPATH": own_types}
+    return lambda name, host=None, **values: peer(name, host, **options, **values)
 
 
 @asynccontextmanager
@@ -41,16 +43,18 @@ async def met(network, how):
 
 
 @pytest.mark.feature(
-    "Topics and services across two routers over Zenoh", condition="ROS 2 beside each router"
+    "Topics, transforms and services across two routers over Zenoh",
+    condition="ROS 2 beside each router",
 )
 @pytest.mark.parametrize("how", ["hub", "peers"])
-async def test_topics_latched_topics_and_services_cross_over_zenoh(network, ros_node, python, how):
+async def test_topics_transforms_and_services_cross_over_zenoh(network, ros_node, python, how):
     async with (
         met(network, how) as remotes,
         agents(network, ros_node, AGENTS, remotes=remotes) as ros,
     ):
         for name, other in (("one", "two"), ("two", "one")):
             await all_cross(ros[name], ros[other], f"/global/{name}")
+            await frames_cross(ros[name], ros[other], name)
 
 
 async def all_cross(server, client, names):
@@ -79,3 +83,18 @@ async def all_cross(server, client, names):
     called = await asked(client, "call", "called", service=service, times=CALLS, timeout_s=ANSWER_S)
     assert called["answers"] == [number % 2 == 1 for number in range(CALLS)]
     assert await heard(latched) == 1
+
+
+async def frames_cross(server, client, name):
+    transform = default_message(TRANSFORM, child_frame_id="lidar")
+    transform.header.frame_id = "base"
+    cdr = serialize(default_message(TF, transforms=[transform])).hex()
+    await publish(server, "/tf_static", LATCHED, [cdr], TF)
+    await listen(client, "/tf_static", LATCHED | {"depth": 100}, TF)
+
+    async def prefixed():
+        report = await client.expect("heard", timeout_s=ANSWER_S)
+        (heard,) = deserialize(bytes.fromhex(report["cdr"]), TF).transforms
+        return (heard.header.frame_id, heard.child_frame_id) == (f"{name}/base", f"{name}/lidar")
+
+    await until(prefixed)
