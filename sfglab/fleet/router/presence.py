@@ -9,7 +9,8 @@ receive four tokens of each other agent, and a token costs a hub twenty times as
   another number than the description that it knows. The heartbeat follows the description.
 - The query carries the heartbeat of the router's own agent. So a new agent, which all others query, knows them at once
   and not only when each of them sends its next heartbeat.
-- After each new connection a router sends its agent's last heartbeat again.
+- Soon after each new connection a router sends its agent's last heartbeat again. At the connection itself the hub
+  does not know all subscriptions yet, and after an outage other routers may connect a moment later.
 
 There, a router has two latched publishers for each other agent, as for a topic with several sources.
 """
@@ -53,6 +54,7 @@ MAX_SOURCES = 2000  #: Most routers whose heartbeats a router publishes in its a
 # Announced periods without a heartbeat after which an agent's messages are withdrawn.
 _SILENT_PERIODS = 4
 _QUERY_S = 2.0  # longest wait for a description
+_REPEAT_S = 1.0  # time from a connection until the heartbeat is repeated
 
 
 @dataclass(slots=True)
@@ -143,7 +145,7 @@ class Presence:
     def _declare(self, session: Any) -> None:
         answer = direct(self._on_query)
         self._declared.append(session.declare_queryable(self._own_key, answer))
-        connected = direct(lambda _: self._session.order(self._announce))
+        connected = direct(lambda _: self._on_loop(self._on_connected))
         listener = session.info.declare_transport_events_listener(connected, history=True)
         self._declared.append(listener)
 
@@ -202,6 +204,10 @@ class Presence:
         self._remote.bridge.flush()
 
     # On the loop
+
+    def _on_connected(self) -> None:
+        loop = self._remote.bridge.loop
+        loop.call_later(_REPEAT_S, self._session.order, self._announce)
 
     def _on_heartbeat(self, gid: bytes, number: int, cdr: bytes) -> None:
         try:
