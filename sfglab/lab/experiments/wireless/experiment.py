@@ -31,7 +31,7 @@ In bursts all frames of a fifth of the time are lost. Bursts are counted in time
 would last longer for a sender that backs off.
 """
 CHANNELS = ("no loss", "5 % loss", INDEPENDENT, BURSTS, FALLING)  #: Channels for samples.
-VIDEO_CHANNELS = ("1 % loss", "5 % loss", OUTAGE)  #: Channels for a camera's stream.
+VIDEO_CHANNELS = ("1 % loss", OUTAGE)  #: Channels for a camera's stream.
 FROZEN_S = 0.1  #: Time after which a picture is frozen, s: three periods of the camera.
 BEFORE_S = 1.0  #: Time before an outage, s.
 

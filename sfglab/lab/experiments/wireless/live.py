@@ -1,6 +1,7 @@
-"""Live parts: all ways run at the same time, cell by cell, with equal seeds; a robot and a station with a process each.
+"""Live parts: ways run at the same time, cell by cell, with equal seeds; a robot and a station with a process each.
 
-Each way has a radio for all channels, and one for each outage.
+Each way has a radio for all channels, and one for each outage. All samples are sent at once. Of the streams, which
+need more CPU time, two are sent at once.
 """
 
 from __future__ import annotations
@@ -154,8 +155,10 @@ async def play_cell(link: RadioLink, cell: Cell, config: Config, seed: int) -> S
     return Span(marks_ns=tuple(marks_ns), kept_up=kept_up, report=found["station"])
 
 
-async def _measure(bench: Bench[Config], table: str, cells: Mapping[Cell, int]) -> None:
-    """Run cells, all ways at once."""
+async def _measure(
+    bench: Bench[Config], table: str, cells: Mapping[Cell, int], at_once: int
+) -> None:
+    """Run cells, on a number of radios at once."""
     from sfglab.fleet.certificates import write_certificates
 
     certificates = bench.folder(f"certificates-{table}")
@@ -174,17 +177,17 @@ async def _measure(bench: Bench[Config], table: str, cells: Mapping[Cell, int]) 
         return cell.way, cell.outage_s
 
     start = partial(radio_link, certificates, table)
-    radios = len(set(map(stage_of, cells)))
-    await run_cells(bench, table, cells, stage_of=stage_of, start=start, play=play, at_once=radios)
+    await run_cells(bench, table, cells, stage_of=stage_of, start=start, play=play, at_once=at_once)
 
 
 @exp.part("samples", total=lambda config: sum(sample_cells(config).values()))
 async def measure_samples(bench: Bench[Config]) -> None:
     """Measure the age of information and the presence of agents on every channel and around every outage."""
-    await _measure(bench, "samples", sample_cells(bench.config))
+    cells = sample_cells(bench.config)
+    await _measure(bench, "samples", cells, at_once=len(cells))
 
 
 @exp.part("video", total=lambda config: sum(video_cells(config).values()))
 async def measure_video(bench: Bench[Config]) -> None:
     """Measure the frozen time of a decoded stream, with and without requests for key frames."""
-    await _measure(bench, "video", video_cells(bench.config))
+    await _measure(bench, "video", video_cells(bench.config), at_once=2)
