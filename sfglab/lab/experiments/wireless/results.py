@@ -58,6 +58,8 @@ def overview(run: Run[Config], table: str, column: str) -> pd.DataFrame:
         of_condition = rows.setdefault((one.channel, one.outage_s, one.requests), {})
         interval = f"[{rounded(one.low)}, {rounded(one.high)}]"
         of_condition[NAMES[one.way]] = f"{rounded(one.value)} {interval}"
+    if not rows:  # there are no hosts
+        return pd.DataFrame(columns=CONDITION)
     return pd.DataFrame(rows).T.rename_axis(CONDITION).reset_index()
 
 
@@ -111,15 +113,15 @@ def draw_groups(axes: Axes, found: pd.DataFrame, channels: tuple[str, ...]) -> N
     axes.grid(visible=False, axis="x")
 
 
-def draw_legend(figure: Figure) -> None:
-    """Draw the marks of the ways above the panels."""
+def draw_legend(axes: Axes) -> None:
+    """Draw the marks of the ways into a panel."""
     from matplotlib.lines import Line2D
 
     marks = [Line2D([], [], linestyle="", **style) for style in STYLES.values()]
-    figure.legend(marks, NAMES.values(), loc="outside upper center", ncols=len(NAMES))
+    axes.legend(marks, list(NAMES.values()), loc="upper left", fontsize=9)
 
 
-@exp.figure("wireless_age", size=(11.6, 4.8))
+@exp.figure("wireless_age", size=(11.6, 4.8), when=lambda run: not run["samples"].empty)
 def draw_age(figure: Figure, run: Run[Config]) -> None:
     """Draw the age of the newest sample by channel (left) and around the longest outage (right)."""
     from matplotlib.ticker import LogLocator, NullLocator
@@ -142,11 +144,17 @@ def draw_age(figure: Figure, run: Run[Config]) -> None:
         xlabel=f"time since the beginning of an outage of {longest_s:g} s (s)",
         ylabel="age (s), median over repetitions",
     )
-    draw_legend(figure)
+    draw_legend(by_channel)
+    at_loss = found[found["channel"] == INDEPENDENT].set_index("way")["value"]
+    ages = [f"{at_loss[way]:.0f} ms ({name})" for way, name in NAMES.items() if way in at_loss]
+    figure.suptitle(
+        f"Age of the newest sample at {INDEPENDENT}, 95th percentile: {', '.join(ages)}",
+        fontsize=11,
+    )
     note(figure, "live; age of the newest sample, 64 B at 50 Hz; left: medians, 95 % intervals")
 
 
-@exp.figure("wireless_video", size=(11.6, 4.6))
+@exp.figure("wireless_video", size=(11.6, 4.6), when=lambda run: not run["video"].empty)
 def draw_video(figure: Figure, run: Run[Config]) -> None:
     """Draw the share of the time in which a decoded stream is frozen, without and with requests for key frames."""
     panels = figure.subplots(1, 2, sharey=True)
@@ -156,5 +164,12 @@ def draw_video(figure: Figure, run: Run[Config]) -> None:
         draw_groups(axes, found[found["requests"] == requests], VIDEO_CHANNELS)
         axes.set(title=title, ylim=(0, 1))
     panels[0].set_ylabel("share of the time that is frozen")
-    draw_legend(figure)
+    draw_legend(panels[1])
+    lossy = found[(found["channel"] == VIDEO_CHANNELS[0]) & (found["way"] == "dds_best_effort")]
+    frozen = dict(zip(lossy["requests"], lossy["value"], strict=True))
+    figure.suptitle(
+        f"At {VIDEO_CHANNELS[0]}, best effort freezes the picture for {frozen[False] * 100:.0f} % of the time; with key frames "
+        f"on request, for {frozen[True] * 100:.0f} %",
+        fontsize=11,
+    )
     note(figure, "live; H.264, 640 x 360, 30 Hz, 4 Mbit/s; medians, 95 % intervals")
