@@ -54,11 +54,19 @@ async def run_hub(config: ZenohConfig, report: Reporter) -> None:
         BusError: Zenoh refuses the configuration.
     """
     session = Session(config, "hub")
+    _log_as_asked()
     session.order(lambda _: report({"is": "ready"}))
     try:
         await asyncio.Event().wait()
     finally:
         session.close()
+
+
+def _log_as_asked() -> None:
+    """Let Zenoh log to the terminal what the variable RUST_LOG names, for example what access control drops."""
+    import zenoh
+
+    zenoh.init_log_from_env_or("off")
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ def test_an_announcement_costs_what_the_largest_fleet_received_and_computed(run)
 def test_both_figures_are_drawn_and_name_the_numbers(run):
     figures = {name: figure.get_suptitle() for name, (figure, _) in exp.figures(run).items()}
     assert "1,000 Zenoh sessions discover each other within 12.0 s" in figures["middleware_scale"]
-    assert "2.0 ms longer between Zenoh peers than" in figures["middleware_cost"]
+    assert "2.00 ms longer between Zenoh peers, and" in figures["middleware_cost"]
 
 
 def test_all_ways_are_measured_next_to_each_other():
