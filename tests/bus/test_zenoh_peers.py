@@ -71,6 +71,14 @@ async def test_topics_services_and_graph_with_pyzeros(hub):
             return default_message(SetBool.response, success=request.data, message="ours")
 
         node.create_service(SET_BOOL, "/we_serve", answer)
+        assert await node.graph.wait_for(
+            lambda: any(
+                end.topic == "rq/we_serveRequest" and end.kind.value == "subscription"
+                for end in node.graph.endpoints()
+            )
+        )
+        # A call of pyzeros that finds no server waits for ever, and the hub tells it of ours a moment later.
+        await asyncio.sleep(1)
         said.publish(String(data="call"))
         while not (answer_of_peer := (await heard.take(STARTS_S)).data).endswith("ours"):
             pass  # a number that was sent twice
