@@ -396,9 +396,8 @@ class Fleet(_Shared):
     """Agents that share a global domain, as read from a fleet file."""
 
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
-    zenoh: ZenohAddress | None = (
-        None  #: Zenoh between the agents, without an agent's name; None for DDS.
-    )
+    #: Zenoh between the agents, without an agent's name; None for DDS.
+    zenoh: ZenohAddress | None = None
     policy: Policy = field(default_factory=Policy)  #: Forwarding rules.
     #: Place of each rule of the policy; empty if the file names a known policy.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)

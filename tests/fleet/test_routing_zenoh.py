@@ -12,14 +12,14 @@ from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import beside
 from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
-from sfglab.messages import default_message, message_type, service_type
+from sfglab.messages import message_type
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.qos import LATCHED
 
 pytestmark = [pytest.mark.live, pytest.mark.zenoh]
 
-STRING, SERVICE = "std_msgs/msg/String", "std_srvs/srv/SetBool"
-String, SetBool = message_type(STRING), service_type(SERVICE)
+STRING = "std_msgs/msg/String"
+String = message_type(STRING)
 
 
 @asynccontextmanager
@@ -103,15 +103,6 @@ async def test_an_unknown_type_crosses_two_routers(fleet, is_early):
     assert [sample[:2] for sample in got] == [(cdr, 7)]
 
 
-async def test_services_cross_both_ways(fleet):
-    def answers(name):
-        return lambda asked: default_message(SetBool.response, success=asked.data, message=name)
-
+async def test_services_cross_both_ways(fleet, calls_cross):
     async with fleet() as nodes:
-        for node in nodes:
-            node.create_service(SERVICE, f"/global/{node.name}/s", answers(node.name))
-        for node, other in (nodes, nodes[::-1]):
-            client = node.create_client(SERVICE, f"/global/{other.name}/s")
-            for number in range(20):
-                response = await client.call(SetBool.request(data=number % 2 == 0), timeout_s=30)
-                assert (response.success, response.message) == (number % 2 == 0, other.name)
+        await calls_cross(*nodes)

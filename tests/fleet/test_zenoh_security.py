@@ -36,13 +36,13 @@ from sfglab.fleet.router.config import RouterSettings
 from sfglab.fleet.router.node import Router
 from sfglab.fleet.status.config import StatusSettings
 from sfglab.fleet.status.node import StatusProvider
-from sfglab.messages import default_message, message_type, service_type
+from sfglab.messages import default_message, message_type
 from sfglab.qos import LATCHED
 
 pytestmark = pytest.mark.zenoh
 
-STRING, SERVICE, FRAMES = "std_msgs/msg/String", "std_srvs/srv/SetBool", "tf2_msgs/msg/TFMessage"
-String, SetBool = message_type(STRING), service_type(SERVICE)
+STRING, FRAMES = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
+String = message_type(STRING)
 LAB = Path(__file__).parents[2] / "data" / "fleets" / "lab.yaml"
 HOST = "127.0.0.1"
 TWO = "fleet: test\nagents:\n  one: {domain: 1}\n  two: {domain: 2}\n"
@@ -149,18 +149,9 @@ async def test_samples_latched_samples_and_transforms_cross(fleet):
 
 
 @pytest.mark.live
-async def test_services_cross_both_ways(fleet):
-    def answers(name):
-        return lambda asked: default_message(SetBool.response, success=asked.data, message=name)
-
+async def test_services_cross_both_ways(fleet, calls_cross):
     async with fleet() as nodes:
-        for node in nodes:
-            node.create_service(SERVICE, f"/global/{node.name}/s", answers(node.name))
-        for node, other in (nodes, nodes[::-1]):
-            client = node.create_client(SERVICE, f"/global/{other.name}/s")
-            for number in range(10):
-                response = await client.call(SetBool.request(data=number % 2 == 0), timeout_s=30)
-                assert (response.success, response.message) == (number % 2 == 0, other.name)
+        await calls_cross(*nodes)
 
 
 @pytest.mark.live

@@ -42,9 +42,8 @@ class ZenohAddress:
     #: Places of other peers, which make further ones known. A peer receives all declarations of all others, hence
     #: for up to 20 nodes. A place without HOST is the one at which the node itself accepts connections.
     peers: tuple[str, ...] = ()
-    certificates: str = (
-        ""  #: Folder with ``ca.pem``, ``NAME.pem`` and ``NAME.key``; empty without encryption.
-    )
+    #: Folder with ``ca.pem``, ``NAME.pem`` and ``NAME.key``; empty without encryption.
+    certificates: str = ""
     name: str = ""  #: Name of the certificate, that of the agent.
 
     def __post_init__(self) -> None:

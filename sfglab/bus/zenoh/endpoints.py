@@ -258,7 +258,7 @@ class ZenohWriter(ZenohEnd):
             self._publisher = ext.declare_advanced_publisher(
                 session,
                 self.key,
-                cache=ext.CacheConfig(kept(self._endpoint.qos)),
+                cache=ext.CacheConfig(_kept(self._endpoint.qos)),
                 publisher_detection=True,
                 sample_miss_detection=ext.MissDetectionConfig(
                     heartbeat=None, sporadic_heartbeat=None
@@ -290,7 +290,7 @@ class ZenohReader(ZenohEnd):
             key,
             direct(self._take),
             history=ext.HistoryConfig(
-                detect_late_publishers=True, max_samples=kept(self._endpoint.qos)
+                detect_late_publishers=True, max_samples=_kept(self._endpoint.qos)
             ),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
         )
@@ -309,6 +309,6 @@ class ZenohReader(ZenohEnd):
             self._push(sample.payload.to_bytes(), stamp_ns, gid)
 
 
-def kept(qos: QoSProfile) -> int:
+def _kept(qos: QoSProfile) -> int:
     """Return the number of samples that are kept for late joiners, or queried by them."""
     return qos.depth if qos.history is History.KEEP_LAST else _ALL_KEPT

@@ -40,8 +40,6 @@ class ZenohConfig:
     #: Endpoints of routers or peers; a client uses the first that responds.
     connect: tuple[str, ...] = ("tcp/localhost:7447",)
     listen: tuple[str, ...] = ()  #: Endpoints at which a peer or router accepts connections.
-    #: Whether peers learn of each other from the router or peer that they are connected to.
-    gossip: bool = True
     #: Lease, s: after this silence the other side closes a connection. Samples of a shorter outage arrive late,
     #: those of a longer one are lost.
     lease_s: float = 10.0
@@ -56,15 +54,16 @@ class ZenohConfig:
     def json(self, session: str) -> str:
         """Return Zenoh's configuration of the session with this id, which reads the files of certificates.
 
-        Multicast would let other robots join unasked. Shared memory fails from a few hundred sessions on, because
-        it locks memory. Caches of latched topics need time stamps.
+        Multicast would let other robots join unasked. By gossip, peers learn of each other from the one that they are
+        connected to. Shared memory fails from a few hundred sessions on, because it locks memory. Caches of latched
+        topics need time stamps.
         """
         settings: dict[str, Any] = {
             "id": session,
             "mode": self.mode,
             "connect": {"endpoints": self.connect},
             "listen": {"endpoints": self.listen},
-            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": self.gossip}},
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
             "timestamping": {"enabled": True},
             "transport": {
                 "link": {"tx": {"lease": round(self.lease_s * 1e3)}},

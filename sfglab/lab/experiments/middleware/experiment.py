@@ -19,13 +19,11 @@ from sfglab.lab.experiments.discovery.experiment import (
 )
 
 STANDARD: Final = "standard"  #: Plain ROS 2: all nodes are in one DDS domain.
-ASKING: Final = (
-    "asking"  #: Routers over DDS; agents query each other's descriptions, as in paper A.
-)
+#: Routers over DDS; agents query each other's descriptions, as in paper A.
+ASKING: Final = "asking"
 PUBLISHED: Final = "published"  #: Routers over DDS; agents publish their descriptions.
-HUB: Final = (
-    "hub"  #: Routers over Zenoh, as clients of one hub; its process and host have this name.
-)
+#: Routers over Zenoh, as clients of one hub; its process and host have this name.
+HUB: Final = "hub"
 PEERS: Final = "peers"  #: Routers over Zenoh, as peers of each other.
 WAYS = (STANDARD, ASKING, PUBLISHED, HUB, PEERS)
 DATA_WAYS = (STANDARD, PUBLISHED, HUB, PEERS)

@@ -6,6 +6,6 @@ a decoded H.264 stream.
 
 from sfglab.lab.experiments.wireless import live  # noqa: F401 - declares its parts
 from sfglab.lab.experiments.wireless.experiment import exp
-from sfglab.lab.experiments.wireless.results import overview, ratio
+from sfglab.lab.experiments.wireless.results import NAMES, overview, ratio
 
-__all__ = ["exp", "overview", "ratio"]
+__all__ = ["NAMES", "exp", "overview", "ratio"]

@@ -77,9 +77,8 @@ class Cell:
 
     way: Way  #: Middleware and transport.
     channel: str  #: One of `CHANNELS` or `VIDEO_CHANNELS`.
-    outage_s: float = (
-        0.0  #: Duration of an outage around which recovery is observed, s; 0 for none.
-    )
+    #: Duration of an outage around which recovery is observed, s; 0 for none.
+    outage_s: float = 0.0
     requests: bool = False  #: Whether the station requests a key frame after a loss.
 
     def steps(self, config: Config) -> list[tuple[Medium, float]]:
@@ -120,13 +119,11 @@ class RadioRow(TableRow):
     age_p95_ms: float  #: 95th percentile over time of the age of the newest sample, ms.
     latency_p99_ms: float  #: 99th percentile of the latency of the samples that arrived, ms.
     flows_s: float  #: Time from the last change of the medium until a fresh sample arrived, s.
-    latched_s: (
-        float  #: The same for the latched value that was published in the middle of an outage, s.
-    )
+    #: The same for the latched value that was published in the middle of an outage, s.
+    latched_s: float
     whole_s: float  #: The same until both agents are present, s; 0 if none was lost.
-    false_losses: (
-        int  #: Number of agents that were announced as lost, although they sent heartbeats.
-    )
+    #: Number of agents that were announced as lost, although they sent heartbeats.
+    false_losses: int
     #: Share of the time in which a picture has been shown for longer than `FROZEN_S`; NaN without a camera.
     frozen: float
     kept_up: bool  #: Whether the relay of the radio was fast enough.
