@@ -77,7 +77,7 @@ async def test_topics_services_and_graph_with_pyzeros(hub):
                 for end in node.graph.endpoints()
             )
         )
-        # The hub tells pyzeros of the server a moment later. A call without a server waits for ever there.
+        # The hub tells pyzeros of the server a moment later; pyzeros never ends a call without one.
         await asyncio.sleep(1)
         said.publish(String(data="call"))
         while not (answer_of_peer := (await heard.take(STARTS_S)).data).endswith("ours"):

@@ -146,9 +146,9 @@ def draw_age(figure: Figure, run: Run[Config]) -> None:
     )
     draw_legend(by_channel)
     at_loss = found[found["channel"] == INDEPENDENT].set_index("way")["value"]
-    ages = [f"{at_loss[way]:.0f} ms ({name})" for way, name in NAMES.items() if way in at_loss]
+    texts = [f"{at_loss[way]:.0f} ms ({name})" for way, name in NAMES.items() if way in at_loss]
     figure.suptitle(
-        f"Age of the newest sample at {INDEPENDENT}, 95th percentile: {', '.join(ages)}",
+        f"Age of the newest sample at {INDEPENDENT}, 95th percentile: {', '.join(texts)}",
         fontsize=11,
     )
     note(figure, "live; age of the newest sample, 64 B at 50 Hz; left: medians, 95 % intervals")
